@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The documentation names what exists, and its examples run."""
+"""The documentation refers to existing things, and its examples run."""
 from __future__ import annotations
 
 import argparse
@@ -45,7 +45,7 @@ each_page = pytest.mark.parametrize('page', PAGES, ids=lambda p: str(p.relative_
 
 
 def blocks(page: Path, info: str) -> str:
-    """Return the code blocks of a page that have an info string, one after the other."""
+    """Return the code blocks of a page that have an info string, in order."""
     return '\n\n'.join(body for found, body in FENCE.findall(page.read_text()) if found == info)
 
 
@@ -81,7 +81,7 @@ def words_of_the_code() -> set[str]:
 
 
 @each_page
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r'\]\(([^)\s]+)\)', prose(page)):
         if target.startswith(('http:', 'https:')):
             continue
@@ -178,7 +178,7 @@ def test_every_reason_is_explained():
 # -- the rooms --------------------------------------------------------------------------------
 
 
-def test_table_of_rooms_is_that_of_the_layer_test():
+def test_table_of_rooms_equals_that_of_the_layer_test():
     layers = runpy.run_path(str(ROOT / 'test' / 'test_layers.py'))
     text = (ROOT / 'docs' / 'architecture.md').read_text()
     rows = re.findall(r'^\| (\d+) \| `([\w.]+)` \| [^|]+ \|([^|]*)\|$', text, re.MULTILINE)
@@ -325,7 +325,7 @@ def test_example_of_a_node(tmp_path, private_graph):
         rclpy.try_shutdown()
 
 
-def test_examples_keep_to_the_line_length():
+def test_examples_keep_the_line_length():
     for page in PAGES:
         for info, body in FENCE.findall(page.read_text()):
             if info.startswith('python'):

@@ -71,7 +71,7 @@ def room_of(module: str) -> str:
 
 def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str, bool]]:
     """
-    Find what a module imports, wherever in the module it does.
+    Return the imports of a module, wherever in the module they are.
 
     :param source: its text.
     :param module: its dotted name below the package.
@@ -106,7 +106,7 @@ def is_room(name: str) -> bool:
 
 
 def faults(source: str, module: str, is_package: bool = False) -> list[str]:
-    """List the imports of a module that the layering forbids."""
+    """Return the imports of a module that the layering forbids."""
     room = room_of(module)
     found = []
     for name, ours in imports_of(source, module, is_package):
@@ -154,7 +154,7 @@ def test_imports_point_down(path):
     ('cli.replay', 'from .. import lab', 'laboratory'),
     ('site.file', 'from .refine.refiner import refine_site', 'site.refine'),
 ], ids=lambda value: value[:30])
-def test_faults_are_seen(module, source, wanted):
+def test_faults_are_found(module, source, wanted):
     assert len(faults(source, module)) == 1
     assert wanted in faults(source, module)[0]
 

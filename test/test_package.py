@@ -62,7 +62,7 @@ def test_manifest(manifest):
     assert re.fullmatch(r'[\w.-]+@[\w-]+(\.[\w-]+)+', manifest.find('maintainer').get('email'))
 
 
-def test_manifest_names_every_ros_package_that_is_imported(manifest):
+def test_manifest_names_every_imported_ros_package(manifest):
     named = {element.text for element in manifest.findall('exec_depend')}
     imported = set()
     for path in (ROOT / 'stereo_speed').rglob('*.py'):
@@ -92,7 +92,7 @@ def test_every_package_is_installed(setup_arguments):
     assert {'.'.join(folder.parts) for folder in folders} == set(setup_arguments['packages'])
 
 
-def test_scripts_can_be_called(setup_arguments):
+def test_scripts_are_callable(setup_arguments):
     for script in setup_arguments['entry_points']['console_scripts']:
         name, _, target = script.partition(' = ')
         module, _, function = target.partition(':')
@@ -108,7 +108,7 @@ def test_every_command_is_an_executable(setup_arguments):
 
 
 @pytest.mark.parametrize('registry', [TRACKERS, DETECTORS], ids=lambda r: r.kind)
-def test_entry_points_are_those_of_the_registry(setup_arguments, registry):
+def test_entry_points_equal_the_registry(setup_arguments, registry):
     points = setup_arguments['entry_points'][registry.group]
     assert dict(point.split(' = ') for point in points) == dict(registry.own)
 
@@ -132,7 +132,7 @@ def test_licence_is_apache():
     assert 'END OF TERMS AND CONDITIONS' in text
 
 
-def test_lock_pins_all_that_is_asked_for():
+def test_lock_pins_all_requirements():
     """Each requirement is in the lock by name, and the lock has only pins."""
     def names(file: str, pattern: str) -> set[str]:
         lines = (line.partition('#')[0].strip() for line in (ROOT / file).read_text().split('\n'))
@@ -147,7 +147,7 @@ def test_shell_scripts_parse():
 
 
 @pytest.mark.parametrize(('pin', 'status'), [('{}', 0), ('0.{}', 1)])
-def test_versions_are_those_that_a_file_pins(tmp_path, capsys, pin, status):
+def test_versions_equal_those_pinned_in_a_file(tmp_path, capsys, pin, status):
     pins = tmp_path / 'pins.txt'
     wanted = pin.format(version('numpy'))
     pins.write_text(f'# of some system\nnumpy=={wanted}\ntqdm=={version("tqdm")}\n')
@@ -156,7 +156,7 @@ def test_versions_are_those_that_a_file_pins(tmp_path, capsys, pin, status):
     assert capsys.readouterr().err == told
 
 
-def test_container_takes_what_is_in_the_tree_and_nothing_that_is_made_in_it():
+def test_container_takes_tracked_files_and_no_build_products():
     lines = (ROOT / 'Containerfile').read_text().splitlines()
     steps = ' '.join(line for line in lines if not line.startswith('#'))
     named = set(re.findall(r'src/stereo_speed/([\w./-]+)', steps))
@@ -168,7 +168,7 @@ def test_container_takes_what_is_in_the_tree_and_nothing_that_is_made_in_it():
     assert {name for name in made if '.egg' not in name} <= left_out
 
 
-def test_manifest_names_only_keys_that_rosdep_knows(manifest):
+def test_manifest_names_only_rosdep_keys(manifest):
     """By a list made from the public one at a commit that it names."""
     lines = (ROOT / 'tools' / 'rosdep_keys.txt').read_text().splitlines()
     known = {line for line in lines if line and not line.startswith('#')}
@@ -189,7 +189,7 @@ def test_policy_has_a_profile_for_every_node(setup_arguments):
 
 def test_nothing_is_unpickled_and_no_yaml_is_unsafe():
     """
-    Files of others are read by readers that can make no objects but plain ones.
+    Files of others are read by readers that can create only plain values.
 
     Passes go to a process of one's own through sockets that nobody else holds.
     """
@@ -218,13 +218,13 @@ def release_check():
 @pytest.mark.parametrize(('version', 'applies'), [
     ('0.9', False), ('1.0', True), ('1.4.9', True), ('1.5', False), ('2.0', True),
     ('2.3', True), ('2.3.1', False), ('0.4.dev1', True)])
-def test_an_advisory_applies_to_its_versions_alone(version, applies):
+def test_advisory_applies_only_to_its_versions(version, applies):
     """1.0 up to before 1.5, 2.0 up to 2.3, and one by itself."""
     advisory = {'ranges': [['1.0', '1.5', None], ['2.0', None, '2.3']], 'versions': ['0.4.dev1']}
     assert tool('audit').affects(advisory, version) == applies
 
 
-def test_audit_reads_the_lock_and_tells_what_applies(tmp_path, capsys):
+def test_audit_reads_the_lock_and_reports_what_applies(tmp_path, capsys):
     audit, old = tool('audit'), tmp_path / 'old.txt'
     lines = (ROOT / 'requirements.lock').read_text().splitlines()
     assert len(audit.pins_of(ROOT / 'requirements.lock')) == sum(
@@ -244,7 +244,7 @@ def test_audit_reads_the_lock_and_tells_what_applies(tmp_path, capsys):
     assert 'line 1' in capsys.readouterr().err
 
 
-def test_the_list_of_keys_is_compared_with_the_public_one(tmp_path):
+def test_list_of_keys_is_compared_with_the_public_one(tmp_path):
     keys = tool('rosdep_keys')
     python = {'python3-yaml': {'ubuntu': ['python3-yaml']}, 'python3-odd': {'gentoo': []},
               'python3-pip-only': {'ubuntu': {'pip': {'packages': ['x']}}}}
@@ -260,7 +260,7 @@ def test_the_list_of_keys_is_compared_with_the_public_one(tmp_path):
     ('Forthcoming\n-----------\n1.2.3 (2026-11-22)\n---\n', '1.2.3', 'Forthcoming'),
     ('1.2.3 (2026-11-22)\n---\n', '1.2.4', 'package.xml 1.2.4'),
 ])
-def test_a_release_has_one_version(release_check, tmp_path, changelog, manifest, fault):
+def test_release_has_one_version(release_check, tmp_path, changelog, manifest, fault):
     (tmp_path / 'stereo_speed').mkdir()
     (tmp_path / 'stereo_speed' / '__init__.py').write_text("__version__ = '1.2.3'\n")
     (tmp_path / 'setup.py').write_text("setup(version='1.2.3')\n")

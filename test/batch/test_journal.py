@@ -8,7 +8,7 @@ from stereo_speed.batch.journal import JOURNAL, Journal
 from stereo_speed.core.errors import InputError
 
 
-def test_rows_come_back_the_last_of_each_key(tmp_path):
+def test_last_row_of_each_key_is_read_back(tmp_path):
     with Journal(tmp_path / 'new') as journal:
         assert journal.rows() == {}
         for value in (1, 2):
@@ -18,7 +18,7 @@ def test_rows_come_back_the_last_of_each_key(tmp_path):
         assert journal.rows() == {'a': {'key': 'a', 'value': 2}, 'b': {'key': 'b', 'value': None}}
 
 
-def test_what_a_crash_cut_off_is_ignored_and_the_next_row_stands_on_its_own_line(tmp_path):
+def test_truncated_row_is_ignored_and_the_next_is_on_its_own_line(tmp_path):
     with Journal(tmp_path) as journal:
         journal.append({'key': 'a'})
         journal.append({'key': 'b'})
@@ -31,13 +31,13 @@ def test_what_a_crash_cut_off_is_ignored_and_the_next_row_stands_on_its_own_line
 
 
 @pytest.mark.parametrize('line', ['[]', '3', '{}', 'word', '{"name": "a"}'])
-def test_lines_that_are_no_rows_are_ignored(line, tmp_path):
+def test_invalid_lines_are_ignored(line, tmp_path):
     (tmp_path / JOURNAL).write_text(line + '\n{"key": "a"}\n')
     with Journal(tmp_path) as journal:
         assert list(journal.rows()) == ['a']
 
 
-def test_two_runs_do_not_share_a_folder(tmp_path):
+def test_two_runs_cannot_share_a_folder(tmp_path):
     with Journal(tmp_path):
         with pytest.raises(InputError, match='another run'):
             Journal(tmp_path)

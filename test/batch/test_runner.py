@@ -39,13 +39,13 @@ def squares(results):
 
 
 @pytest.mark.parametrize('workers', [0, 2])
-def test_results_come_in_the_order_of_the_jobs(workers, work):
+def test_results_are_in_the_order_of_the_jobs(workers, work):
     results = run_jobs(jobs_of(7), work, out_dir=None, workers=workers, description='squares')
     assert [r.key for r in results] == [f'job{n}' for n in range(7)]
     assert squares(results) == [n ** 2 for n in range(7)]
 
 
-def test_only_what_is_missing_or_changed_is_run(tmp_path, work):
+def test_only_missing_or_changed_jobs_are_run(tmp_path, work):
     trace = tmp_path / 'trace'
 
     def run(jobs):
@@ -57,7 +57,7 @@ def test_only_what_is_missing_or_changed_is_run(tmp_path, work):
     assert run(jobs_of(4, trace, job1={'n': 5})) == ([0, 25, 4, 9], ['5'])
 
 
-def test_results_of_other_code_are_not_ours(tmp_path, work):
+def test_results_of_other_code_are_not_reused(tmp_path, work):
     trace = tmp_path / 'trace'
     run_jobs(jobs_of(1, trace), work, out_dir=tmp_path, workers=0, description='squares')
     journal = tmp_path / JOURNAL
@@ -67,7 +67,7 @@ def test_results_of_other_code_are_not_ours(tmp_path, work):
     assert len(trace.read_text().splitlines()) == 2
 
 
-def test_code_is_known_by_its_files_and_their_names(tmp_path):
+def test_code_is_identified_by_its_files_and_their_names(tmp_path):
     def hashed(folder, **files):
         (tmp_path / folder).mkdir()
         for name, text in files.items():
@@ -79,7 +79,7 @@ def test_code_is_known_by_its_files_and_their_names(tmp_path):
                 hashed('five', a='x = 1', b='')}) == 4
 
 
-def test_a_failure_is_recorded_and_tried_again(tmp_path, work):
+def test_failure_is_recorded_and_retried(tmp_path, work):
     bad = {'job1': {'fail': 'no road\nhere'}, 'job2': {'refuse': True}}
     results = run_jobs(jobs_of(4, **bad), work, out_dir=tmp_path, workers=0,
                        description='squares')
@@ -96,7 +96,7 @@ def test_a_failure_is_recorded_and_tried_again(tmp_path, work):
     assert len(journal.read_text().splitlines()) == before + 2
 
 
-def test_a_process_that_dies_takes_one_job_with_it(work):
+def test_dead_process_loses_only_one_job(work):
     results = run_jobs(jobs_of(5, job1={'die': True}), work, out_dir=None, workers=2,
                        description='squares')
     assert squares(results) == [0, None, 4, 9, 16]
@@ -122,14 +122,14 @@ def deal(groups, turns):
     return [''.join(worker.given) for worker in pool]
 
 
-def test_a_group_stays_with_one_worker_until_others_would_idle():
+def test_group_stays_with_one_worker_until_others_would_idle():
     assert deal(['abcd', 'efgh'], [0, 1] * 4) == ['abcd', 'efgh']
     # the first finishes its group while e is running, and takes the end of the rest
     assert deal(['abcd', 'efgh'], [1, 0, 0, 0, 0, 0, 0, 1, 1]) == ['efghcd', 'ab']
     assert deal(['ab', 'cdef'], [0, 1, 0, 0, 0, 1, 0]) == ['abef', 'cd']
 
 
-def test_a_line_cut_off_by_a_crash_is_run_again(tmp_path, work):
+def test_job_of_a_truncated_line_is_run_again(tmp_path, work):
     run_jobs(jobs_of(3), work, out_dir=tmp_path, workers=0, description='squares')
     journal = tmp_path / JOURNAL
     journal.write_text(journal.read_text()[:-20])
@@ -144,7 +144,7 @@ def test_keys_are_unique(work):
         run_jobs(jobs_of(2)[:1] * 2, work, out_dir=None, workers=0, description='squares')
 
 
-def test_an_interrupt_ends_the_processes(work):
+def test_interrupt_ends_the_processes(work):
     before = set(multiprocessing.active_children())
     results = spread(jobs_of(6), work, 2)
     next(results)

@@ -24,18 +24,18 @@ def test_common_sizes(width_m, height_m, name):
 
 @pytest.mark.parametrize(('width_m', 'height_m', 'edge'), [
     (0.42, 2.8, True), (0.8, 1.7, False), (1.8, 2.8, False), (0.42, None, False)])
-def test_what_is_narrow_and_higher_than_a_rider_is_an_edge(width_m, height_m, edge):
+def test_narrow_object_taller_than_a_rider_is_an_edge(width_m, height_m, edge):
     assert is_edge(classified(width_m, 0.08, height_m, CONFIG), CONFIG) is edge
 
 
-def test_a_car_before_a_lorry_is_no_lorry_for_the_height_that_is_seen_behind_it():
+def test_height_seen_behind_a_car_does_not_make_it_a_lorry():
     """Its own width excludes a lorry; the height is then not used."""
     never = replace(CONFIG, odd_height_share=0.0)
     assert classified(1.84, 0.08, 3.6, never).name == VehicleClass.HEAVY_VEHICLE
     assert classified(1.84, 0.08, 3.6, CONFIG).name == VehicleClass.UNKNOWN
 
 
-def test_a_probability_by_hand():
+def test_probability_by_hand():
     """Without a height it is the ratio of the four width likelihoods."""
     def likelihood(mean, std):
         std = math.hypot(std, 0.1)
@@ -48,13 +48,13 @@ def test_a_probability_by_hand():
     assert (found.name, found.height_std_m) == (VehicleClass.UNKNOWN, None)
 
 
-def test_a_top_in_the_dark_speaks_less_against_a_lorry_than_a_top_that_is_too_low():
+def test_dark_top_is_weaker_evidence_against_a_lorry_than_a_low_one():
     dark, never = CONFIG, replace(CONFIG, hidden_top_share=0.0, odd_height_share=0.0)
     assert classified(2.45, 0.08, 0.9, dark).name == VehicleClass.HEAVY_VEHICLE
     assert classified(2.45, 0.08, 0.9, never).name != VehicleClass.HEAVY_VEHICLE
 
 
-def test_what_fits_no_class_is_unknown():
+def test_unusual_size_is_unknown():
     found = classified(30.0, 0.08, None, CONFIG)
     assert found.name == VehicleClass.UNKNOWN
     assert found.probability == pytest.approx(0.25)

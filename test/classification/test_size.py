@@ -64,7 +64,7 @@ def measured(rig, lane, rows, **changes):
     ('car', VehicleClass.CAR, (1.3, 1.65)), ('van', VehicleClass.VAN, (2.2, 2.65)),
     ('truck', VehicleClass.HEAVY_VEHICLE, (2.5, 3.7)),
     ('motorcycle', VehicleClass.MOTORCYCLE, (0.8, 1.8))])
-def test_drawn_vehicles_are_told_by_size(kind, name, height_m):
+def test_sizes_of_drawn_vehicles_are_measured(kind, name, height_m):
     found = measured(*drawn(kind))
     assert found.width_m == pytest.approx(BODIES[kind].width_m, abs=0.02)
     assert height_m[0] < found.height_m < height_m[1]
@@ -87,7 +87,7 @@ def in_part(update, rig, low, high):
 @pytest.mark.slow
 @pytest.mark.parametrize('delay_s', [0.0, 0.02], ids=['at once', 'right view later'])
 @pytest.mark.parametrize('kind', ['car', 'truck'])
-def test_a_front_of_which_a_part_is_tracked_is_as_wide_as_it_is(kind, delay_s):
+def test_partly_tracked_front_has_its_whole_width(kind, delay_s):
     """A pole hid the rest when the track began."""
     rig, lane, rows = drawn(kind, right_delay_s=delay_s)
     rows = [(pair, in_part(update, rig, 0.45, 1.0)) for pair, update in rows]
@@ -109,7 +109,7 @@ class Seen:
 
 
 @pytest.mark.slow
-def test_what_one_pair_shows_at_two_heights_is_a_width_and_at_one_it_may_be_chance():
+def test_width_needs_two_heights_in_one_pair_or_several_pairs():
     """A vehicle that is half hidden throughout is fully visible in few pairs, or in none."""
     rig, lane, rows = drawn('car')
     stamp_ns = rows[-1][0].stamp_ns  # of the nearest, which is kept
@@ -119,7 +119,7 @@ def test_what_one_pair_shows_at_two_heights_is_a_width_and_at_one_it_may_be_chan
 
 
 @pytest.mark.slow
-def test_a_two_wheeler_is_no_part_of_a_wider_front():
+def test_two_wheeler_is_no_part_of_a_wider_front():
     """No front of a car is seen around it, so its width is that of the tracked part."""
     rig, lane, rows = drawn('motorcycle')
     one, other = (measured(rig, lane, rows, fronts=fronts)
@@ -129,7 +129,7 @@ def test_a_two_wheeler_is_no_part_of_a_wider_front():
 
 
 @pytest.mark.slow
-def test_exposure_and_lag_of_the_right_view_change_nothing():
+def test_exposure_and_lag_of_the_right_view_have_no_effect():
     """The vehicle moves 0.4 m until the right view is exposed."""
     found = measured(*drawn('van', right_delay_s=0.02, right_gain=0.8))
     assert found.name == VehicleClass.VAN
@@ -137,7 +137,7 @@ def test_exposure_and_lag_of_the_right_view_change_nothing():
 
 
 @pytest.mark.slow
-def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_range():
+def test_receding_vehicle_keeps_its_height_despite_similar_ranges():
     """The images end below the highest searched strip, so no pair decides by itself."""
     rig, lane, rows = drawn('car', fps=10.0, camera_height_m=2.0, camera_pitch_deg=8.0)
     found = measured(rig, lane, rows[-4:][::-1])  # at 23, 28 and 30 m
@@ -145,7 +145,7 @@ def test_a_receding_vehicle_keeps_its_height_where_its_last_pairs_are_alike_in_r
 
 
 @pytest.mark.slow
-def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
+def test_height_is_unknown_where_all_pairs_have_the_same_range():
     rig, lane, rows = drawn('car')
     found = measured(rig, lane, rows[-1:])
     assert (found.height_m, found.height_std_m) == (None, None)
@@ -153,7 +153,7 @@ def test_the_height_is_unknown_where_no_two_pairs_differ_in_range():
 
 
 @pytest.mark.slow
-def test_what_stands_still_has_no_height():
+def test_stationary_object_has_no_height():
     """With the same image again nothing moves along."""
     rig, lane, rows = drawn('car')
     still = rows[-1][0]
@@ -163,14 +163,14 @@ def test_what_stands_still_has_no_height():
 
 
 @pytest.mark.slow
-def test_the_top_is_no_higher_than_it_is_looked_for():
+def test_height_is_limited_by_the_search_range():
     rig, lane, rows = drawn('van')
     found = measured(rig, lane, rows, search=HeightSearch(most_m=1.2))
     assert 1.0 < found.height_m < 1.2 + HeightSearch().step_m
 
 
 @pytest.mark.slow
-def test_what_is_further_behind_than_a_vehicle_s_own_is_none_of_its_height():
+def test_top_too_far_behind_the_front_does_not_count():
     """A windscreen 1 m behind the bumper is the vehicle's own; farther back it is another's."""
     rig, lane, rows = drawn('car')
     heights = [measured(rig, lane, rows, search=HeightSearch(most_depth_m=m)).height_m
@@ -178,7 +178,7 @@ def test_what_is_further_behind_than_a_vehicle_s_own_is_none_of_its_height():
     assert heights[0] < 1.15 and 1.3 < heights[1] < 1.65
 
 
-def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
+def test_strips_overlap_and_cover_the_range_of_heights():
     search = HeightSearch()
     assert search.heights_m[[0, -1]] == pytest.approx([search.least_m, search.most_m])
     assert np.diff(search.heights_m) == pytest.approx(search.step_m)
@@ -187,7 +187,7 @@ def test_strips_overlap_and_reach_from_the_lowest_to_the_highest():
 
 
 @pytest.mark.slow
-def test_the_width_of_a_marked_front_is_as_certain_as_its_corners():
+def test_width_of_a_marked_front_is_as_certain_as_its_corners():
     rig, lane, rows = drawn('car')
     px_per_m = np.ptp(rows[0][1].quad_left_px[:, 0]) / BODIES['car'].width_m
     found = measured(rig, lane, rows, marked_std_px=0.7)

@@ -61,7 +61,7 @@ def test_no_bag(refused, tmp_path):
     assert_names(refused(bag=tmp_path / 'nowhere'), tmp_path / 'nowhere')
 
 
-def test_a_folder_that_is_no_bag(refused, tmp_path):
+def test_folder_without_a_bag(refused, tmp_path):
     (tmp_path / 'empty').mkdir()
     assert_names(refused(bag=tmp_path / 'empty'), tmp_path / 'empty')
 
@@ -82,7 +82,7 @@ def test_one_side_missing(refused, rewrite, tmp_path, side):
     assert_names(refused(bag=bag), bag, side)
 
 
-def test_topic_that_is_not_in_the_bag(refused, short_bag):
+def test_topic_missing_from_the_bag(refused, short_bag):
     assert_names(refused('--left', '/nothing'), short_bag, '/nothing')
 
 
@@ -98,7 +98,7 @@ def test_calibration_of_zeros(refused, rewrite, tmp_path):
     assert re.search(r'\bk\b', refused(bag=bag), re.IGNORECASE)
 
 
-def test_size_of_images_against_calibration(refused, rewrite, tmp_path):
+def test_image_size_differs_from_calibration(refused, rewrite, tmp_path):
     def wider(topic, number, msg):
         return replaced(msg, 'width', 2048) if topic.endswith('info') else msg
     bag = rewrite(tmp_path / 'wide', wider)
@@ -137,12 +137,12 @@ def test_file_that_is_not_yaml(refused, tmp_path, name):
 
 
 @pytest.mark.parametrize('name', ['site.yaml', 'init.yaml'])
-def test_file_that_is_not_there(refused, tmp_path, name):
+def test_missing_file(refused, tmp_path, name):
     path = tmp_path / 'nowhere' / name
     assert_names(refused(**{name.removesuffix('.yaml'): path}), path)
 
 
-def test_unknown_line_of_a_lane(refused, edited):
+def test_lane_with_an_unknown_line(refused, edited):
     site = edited('site.yaml', lambda data: data['lanes'][0].update(left='kerb'))
     assert_names(refused(site=site), site, 'kerb')
 
@@ -158,7 +158,7 @@ def test_quad_outside_the_image(refused, edited, side, shift):
     assert_names(refused(init=init), init, side, '1024x768')
 
 
-def test_mark_in_a_pair_that_never_comes(refused, edited):
+def test_annotation_in_a_missing_pair(refused, edited):
     init = edited('init.yaml', lambda data: data['vehicles'][0].update(frame=99))
     assert_names(refused(init=init), init, 'vehicles[0].frame', '99', '4')
 

@@ -12,13 +12,13 @@ TRUTH, = truth_of_rows([{'stamp_ns': START_NS + k * 33_333_333, 'vehicle': 0,
                          'speed': (55 + k) * MPH_MPS} for k in range(3)])
 
 
-def test_the_truth_beside_a_reading_is_that_of_its_stamp():
+def test_truth_beside_a_reading_is_that_of_its_stamp():
     """Also where stamps are not whole milliseconds."""
     reading = (START_NS + 66_666_666, 'vehicle_0', 56.75 * MPH_MPS, 0.1 * MPH_MPS)
     assert reading_line(reading, TRUTH) == (
         '  0.1 s  vehicle_0   56.75 ± 0.10 mph   truth  57.00   error -0.25')
 
 
-def test_without_a_truth_the_reading_stands_alone():
+def test_reading_without_a_truth_is_printed_alone():
     reading = (START_NS + 50_000_000, 'vehicle_0', 56.75 * MPH_MPS, 0.1 * MPH_MPS)
     assert reading_line(reading, TRUTH).endswith('0.10 mph')

@@ -30,7 +30,7 @@ def test_map_of_polygons(polygons, tmp_path, capsys):
     assert 'pathway: 6.2 %' in capsys.readouterr().out
 
 
-def test_map_takes_the_size_of_its_image(polygons, tmp_path):
+def test_map_has_the_size_of_its_image(polygons, tmp_path):
     image = np.full((30, 50, 3), 90, np.uint8)
     cv2.imwrite(str(tmp_path / 'image.png'), image)
     assert main(['map', str(polygons), '--image', str(tmp_path / 'image.png'), '--out',

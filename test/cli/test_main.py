@@ -58,14 +58,14 @@ def test_interrupt(command):
     assert cli.main(['act']) == 130
 
 
-def test_faults_of_the_program_are_not_hidden(command):
+def test_program_faults_are_not_hidden(command):
     command(raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
         cli.main(['act'])
 
 
 @pytest.mark.parametrize('argv', [[], ['fly'], ['--colour']], ids=str)
-def test_no_such_command(capsys, argv):
+def test_unknown_command(capsys, argv):
     assert cli.main(argv) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith('error: stereo_speed: ')

@@ -51,8 +51,8 @@ def test_tables(out):
     assert float(passes[0]['speed_mps']) / MPH_MPS == pytest.approx(55.0, abs=0.8)
 
 
-def test_live_readings_against_the_truth(out, sample):
-    """After the first half no confirmed reading is off by more than 1.2 mph."""
+def test_readings_agree_with_the_truth(out, sample):
+    """In the second half no confirmed reading is off by more than 1.2 mph."""
     truth = {round(float(row['stamp']) * 1e3): float(row['speed'])
              for row in rows(sample / 'truth.csv')}
     late = [row for row in rows(out / 'tracks.csv') if row['state'] == 'confirmed'][-6:]
@@ -71,7 +71,7 @@ def test_summary(out):
     assert {'versions', 'timings', 'tracker', 'passes'} <= set(summary)
 
 
-def test_same_bytes_again(run, out):
+def test_same_run_gives_the_same_bytes(run, out):
     again = run()
     for path in out.iterdir():
         assert path.read_bytes() == (again / path.name).read_bytes(), path.name
@@ -88,7 +88,7 @@ def test_options(run, out, capsys):
     assert 'ms per pair' in printed
 
 
-def test_a_later_run_leaves_nothing_of_an_older_one(tmp_path, sample, short_bag):
+def test_later_run_leaves_no_files_of_an_older_one(tmp_path, sample, short_bag):
     (tmp_path / 'speed.png').write_bytes(b'old')
     (tmp_path / 'notes.txt').write_text('mine')
     assert main(['replay', str(short_bag), '--site', str(sample / 'site.yaml'), '--no-plots',
@@ -97,7 +97,7 @@ def test_a_later_run_leaves_nothing_of_an_older_one(tmp_path, sample, short_bag)
         'notes.txt', 'passes.csv', 'summary.json', 'tracks.csv']
 
 
-def test_without_marks_the_vehicle_is_found_by_itself(tmp_path, sample):
+def test_unannotated_vehicle_is_detected(tmp_path, sample):
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
                  '--out', str(tmp_path), '--no-plots']) == 0
     tracks, (only,) = rows(tmp_path / 'tracks.csv'), rows(tmp_path / 'passes.csv')
@@ -116,8 +116,7 @@ def test_other_trackers_measure_the_same_pass(run, tracker):
     assert abs(float(last['speed_mps']) - 55 * MPH_MPS) < 0.1 * 55 * MPH_MPS
 
 
-def test_a_refined_site_is_kept_and_never_overwrites_the_one_it_came_from(tmp_path, sample,
-                                                                          short_bag, capsys):
+def test_refined_site_is_kept_and_never_overwrites_its_source(tmp_path, sample, short_bag, capsys):
     site = tmp_path / 'site.yaml'
     site.write_bytes((sample / 'site.yaml').read_bytes())
     args = ['replay', str(short_bag), '--site', str(site), '--init', str(sample / 'init.yaml'),

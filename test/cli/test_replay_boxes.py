@@ -26,7 +26,7 @@ def replay(sample, out, *options):
                  str(out), '--no-plots', *map(str, options)])
 
 
-def test_a_vehicle_in_boxes_is_measured(sample, sample_boxes, tmp_path):
+def test_vehicle_given_by_boxes_is_measured(sample, sample_boxes, tmp_path):
     path = written(tmp_path / 'boxes.csv', sample_boxes)
     assert replay(sample, tmp_path / 'out', '--detector', 'boxes', '--boxes', path) == 0
     one, = csv.DictReader((tmp_path / 'out' / 'passes.csv').open())
@@ -37,7 +37,7 @@ def test_a_vehicle_in_boxes_is_measured(sample, sample_boxes, tmp_path):
     assert summary['detector'] == 'boxes' and len(summary['input']['boxes_sha256']) == 64
 
 
-def test_no_boxes_are_no_vehicles(sample, sample_boxes, tmp_path, capsys):
+def test_no_boxes_give_no_vehicles(sample, sample_boxes, tmp_path, capsys):
     first = min(sample_boxes)
     path = written(tmp_path / 'boxes.csv', {first: sample_boxes[first], 7: (1, 1, 2, 2)})
     assert replay(sample, tmp_path / 'out', '--detector', 'boxes', '--boxes', path) == 0
@@ -52,7 +52,7 @@ def test_no_boxes_are_no_vehicles(sample, sample_boxes, tmp_path, capsys):
     (['--detector', 'boxes', '--boxes', 'NONE'], 'none.csv'),
     (['--detector', 'boxes', '--boxes', 'OTHER'], 'stamp_ns: found 3 and others'),
 ], ids=['nothing', 'not taken', 'annotated', 'no file', 'other stamps'])
-def test_what_does_not_fit_is_one_line(options, words, sample, sample_boxes, tmp_path, capsys):
+def test_mismatched_options_are_one_line(options, words, sample, sample_boxes, tmp_path, capsys):
     paths = {'BOXES': written(tmp_path / 'boxes.csv', sample_boxes), 'NONE': tmp_path / 'none.csv',
              'OTHER': written(tmp_path / 'other.csv', {3: (1, 2, 3, 4)}),
              'INIT': sample / 'init.yaml'}

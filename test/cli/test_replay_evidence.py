@@ -42,7 +42,7 @@ def image():
 
 
 @pytest.mark.parametrize('read_ahead', [1, 4, PAIRS])
-def test_what_is_read_ahead_drives_no_image_out_before_its_pass_is_told(read_ahead):
+def test_reading_ahead_drops_no_image_before_its_pass_is_published(read_ahead):
     recorder = Recorder()
     evidence, blank = ReplayEvidence(recorder, 'run', EnforcementConfig()), np.zeros((1, 4), 'u1')
     pairs = [StereoPair(k, k * STEP_NS, k * STEP_NS + 1, blank, blank) for k in range(PAIRS)]

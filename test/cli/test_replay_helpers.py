@@ -53,7 +53,7 @@ class Dying(Ready):
 
 
 class DyingBeforePasses(PassProcess):
-    """Is killed as soon as it could measure a pass."""
+    """Is killed before it can measure a pass."""
 
     def wait(self):
         """Wait until it is ready, and kill it."""
@@ -67,8 +67,7 @@ def files(folder):
 
 
 @pytest.mark.slow
-def test_the_same_is_written_with_helpers_without_and_where_they_are_killed(
-        sample, tmp_path, monkeypatch, capfd):
+def test_files_do_not_depend_on_helpers_or_their_death(sample, tmp_path, monkeypatch, capfd):
     def written(name, helpers, search=Ready, passes=PassProcess):
         monkeypatch.setattr(replay.Helpers, 'of', lambda *_, beside: helpers())
         monkeypatch.setattr(replay_helpers, 'SearchProcess', search)
@@ -104,7 +103,7 @@ def dense(sample, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
+def test_parts_of_dense_pairs_end_at_the_same_pairs_with_helpers(
         dense, sample, tmp_path, monkeypatch):
     """When a part could end, the answer of the last search is still pending."""
     class Counted(replay.Parts):
@@ -130,7 +129,7 @@ def test_parts_of_dense_pairs_end_where_they_do_without_helpers(
     assert ends == [10, 20, 30]
 
 
-def test_after_an_error_nothing_is_read_ahead_any_more(sample):
+def test_nothing_more_is_read_ahead_after_an_error(sample):
     def fail(pair):
         raise ZeroDivisionError
     with StereoBag(sample / 'bag') as bag, pytest.raises(ZeroDivisionError) as kept:
@@ -140,7 +139,7 @@ def test_after_an_error_nothing_is_read_ahead_any_more(sample):
 
 
 @pytest.mark.parametrize('forks, fewest', [(True, FEWEST_PAIRS), (False, FEWEST_WITHOUT_FORK)])
-def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkeypatch):
+def test_short_bags_and_batches_of_bags_use_no_helpers(forks, fewest, monkeypatch):
     monkeypatch.setattr(replay_helpers, 'can_fork', lambda: forks)
     turn_s = sys.getswitchinterval()
     for pairs, beside in ((fewest - 1, True), (10 * fewest, False)):
@@ -160,7 +159,7 @@ def test_short_bags_and_those_of_many_go_without_processes(forks, fewest, monkey
     assert asked == [True]
 
 
-def test_other_detectors_and_annotated_fronts_are_searched_for_here():
+def test_other_detectors_and_annotated_fronts_are_processed_here():
     for detector in (None, 'boxes'):
         with Helpers(True, detector) as helpers:
             assert helpers.later is not None and helpers.detect is None

@@ -55,7 +55,7 @@ def assert_same_bytes(found: Path, wanted: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.flaky(reruns=2)  # it may be done before the kill
-def test_a_killed_run_goes_on_and_a_bad_bag_costs_only_itself(
+def test_killed_run_resumes_and_a_bad_bag_affects_only_itself(
         bags, options, one_by_one, tmp_path, capfd):
     bad = tmp_path / 'bad'
     bad.mkdir()
@@ -103,7 +103,7 @@ def wait_for(condition, process=None, seconds=300.0):
 
 
 @pytest.mark.slow
-def test_only_what_has_changed_is_measured_again(bags, options, tmp_path, rewrite):
+def test_only_changed_bags_are_measured_again(bags, options, tmp_path, rewrite):
     bag, other = tmp_path / 'bag', bags[0]
     shutil.copytree(bags[1], bag)
     argv = ['replay-many', str(bag), str(other), *options, '--out', str(tmp_path / 'out'),
@@ -135,12 +135,12 @@ def test_folders_are_named_after_the_bags(tmp_path, paths, names):
     assert list(folder_names([tmp_path / path for path in paths])) == names
 
 
-def test_a_bag_given_twice_is_refused(tmp_path):
+def test_duplicate_bag_is_refused(tmp_path):
     with pytest.raises(InputError, match='twice'):
         folder_names([tmp_path / 'a', tmp_path / 'b' / '..' / 'a'])
 
 
-def test_a_bad_site_is_one_line_for_all(bags, options, tmp_path, capsys):
+def test_bad_site_is_one_line_for_all_bags(bags, options, tmp_path, capsys):
     site = tmp_path / 'site.yaml'
     site.write_text('stereo_speed_site: 1\n')
     argv = ['replay-many', *map(str, bags), '--site', str(site), '--out', str(tmp_path / 'out')]
@@ -181,7 +181,7 @@ def cluster(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.flaky(reruns=2)  # it may be done before the kill
-def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
+def test_cluster_gives_the_same_bytes_despite_a_killed_worker(
         cluster, bags, options, one_by_one, tmp_path):
     address, (first, second) = cluster
     out = tmp_path / 'out'
@@ -199,7 +199,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     assert_same_bytes(out, one_by_one)
 
 
-def test_no_scheduler_is_one_line(bags, options, tmp_path, capsys, monkeypatch):
+def test_missing_scheduler_is_one_line(bags, options, tmp_path, capsys, monkeypatch):
     pytest.importorskip('distributed', reason='Dask is not installed (extra: cluster)')
     monkeypatch.setattr('stereo_speed.batch.cluster._CONNECT_S', 1)
     assert main(['replay-many', str(bags[0]), *options, '--out', str(tmp_path), '--dask',

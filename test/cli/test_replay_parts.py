@@ -26,7 +26,7 @@ def bag(sample, tmp_path_factory):
     """
     Write three vehicles, 12 pairs each, and the empty road after each of them.
 
-    Stamps are uneven, and then become even: who goes on has to know what they were.
+    Stamps are uneven and then become even, so that a resumed run has to know the earlier ones.
     """
     with StereoBag(sample / 'bag') as source:
         rig, seen = source.rig, list(source.pairs())
@@ -60,7 +60,7 @@ def interrupt(monkeypatch, pairs):
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_goes_on_and_writes_the_same(
+def test_interrupted_run_resumes_and_writes_the_same_files(
         bag, sample, tmp_path, in_parts, monkeypatch, capsys):
     def argv(name, *more):
         return ['replay', str(bag), '--site', str(sample / 'site.yaml'), '--out',
@@ -103,7 +103,7 @@ def test_an_interrupted_run_goes_on_and_writes_the_same(
     assert files(tmp_path / 'other') == wanted
 
 
-def test_a_fault_leaves_nothing(bag, sample, tmp_path, in_parts, monkeypatch, capsys):
+def test_failed_run_leaves_nothing(bag, sample, tmp_path, in_parts, monkeypatch, capsys):
     def fail(stream, **_):
         for number, pair in enumerate(stream):
             if number == 3:
@@ -118,7 +118,7 @@ def test_a_fault_leaves_nothing(bag, sample, tmp_path, in_parts, monkeypatch, ca
 
 
 @pytest.mark.parametrize('option', ['evidence', 'video', 'report'])
-def test_pictures_and_records_under_way_are_not_taken_up_again(option):
+def test_runs_with_video_report_or_evidence_are_not_resumed(option):
     options = {'evidence': False, 'video': False, 'report': False}
     assert is_kept(argparse.Namespace(**options))
     assert not is_kept(argparse.Namespace(**{**options, option: True}))

@@ -21,7 +21,7 @@ def outs(sample, tmp_path_factory):
     return out / 'a', out / 'b'
 
 
-def test_the_report_needs_nothing_else(outs):
+def test_report_is_self_contained(outs):
     page = (outs[0] / 'report.html').read_text()
     assert sorted(path.name for path in outs[0].iterdir()) == [
         'passes.csv', 'report.html', 'summary.json', 'tracks.csv', 'video.avi']
@@ -33,7 +33,7 @@ def test_the_report_needs_nothing_else(outs):
     assert re.search(r'<td>88\.\d\d</td>', page)  # 55 mph
 
 
-def test_the_video_has_every_pair(outs):
+def test_video_has_every_pair(outs):
     video, count = cv2.VideoCapture(str(outs[0] / 'video.avi')), 0
     while video.read()[0]:
         count += 1
@@ -41,12 +41,12 @@ def test_the_video_has_every_pair(outs):
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(5.0, abs=0.1)
 
 
-def test_the_same_run_gives_the_same_bytes(outs):
+def test_same_run_gives_the_same_bytes(outs):
     for name in ('report.html', 'video.avi'):
         assert (outs[0] / name).read_bytes() == (outs[1] / name).read_bytes()
 
 
-def test_a_later_run_without_them_leaves_none_behind(outs, sample):
+def test_later_run_without_them_removes_them(outs, sample):
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--init',
                  str(sample / 'init.yaml'), '--out', str(outs[1]), '--particles', '60',
                  '--no-plots']) == 0

@@ -27,19 +27,19 @@ def stored(sample, tmp_path):
     return store
 
 
-def test_the_sample_passes(sample, capsys):
+def test_sample_passes(sample, capsys):
     assert main(['self-test', str(sample)]) == 0
     line = capsys.readouterr().out
     assert line.startswith('self-test passed: +0.')
     assert 0.0 < off_percent(line) < 1.0
 
 
-def test_what_is_off_by_more_than_a_hundredth_fails(stored, capsys):
+def test_deviation_of_more_than_one_percent_fails(stored, capsys):
     assert main(['self-test', str(stored(1.015))]) == 1
     line = capsys.readouterr().out
     assert 'self-test failed: the stored pass of' in line and off_percent(line) is None
 
 
-def test_a_folder_without_a_stored_pass_ends_in_one_line(tmp_path, capsys):
+def test_folder_without_a_stored_pass_is_one_line(tmp_path, capsys):
     assert main(['self-test', str(tmp_path)]) == 2
     assert capsys.readouterr().err.count('\n') == 1

@@ -11,7 +11,7 @@ import yaml
 
 
 @pytest.mark.slow
-def test_refine_writes_a_site_that_can_be_used(sample, short_bag, tmp_path, capsys):
+def test_refine_writes_a_usable_site(sample, short_bag, tmp_path, capsys):
     out, pictures = tmp_path / 'new' / 'near.yaml', tmp_path / 'pictures'
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
                  '--out', str(out), '--pictures', str(pictures)]) == 0

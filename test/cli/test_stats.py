@@ -92,7 +92,7 @@ def test_verification(runs, tmp_path, capsys):
     ('time_ns,lane,speed_mps,std_mps\n1.5,near,20,0.1\n', 'line 2, time_ns'),
     ('time_ns,lane,speed_mps,std_mps\n1,near,20,0\n', 'line 2: found speed_mps 20, std_mps 0'),
     ('time_ns,lane,speed_mps,std_mps\n1,,20,0.1\n', 'line 2, lane')])
-def test_references_that_cannot_be_used_end_in_one_line(runs, tmp_path, capsys, text, said):
+def test_unusable_references_are_one_line(runs, tmp_path, capsys, text, said):
     path = tmp_path / 'reference.csv'
     path.write_text(text)
     assert main(['verify-against', str(path), '--passes', str(runs),
@@ -102,7 +102,7 @@ def test_references_that_cannot_be_used_end_in_one_line(runs, tmp_path, capsys, 
     assert not (tmp_path / 'out').exists()
 
 
-def test_places_without_passes_end_in_one_line(tmp_path, capsys):
+def test_places_without_passes_are_one_line(tmp_path, capsys):
     (tmp_path / 'empty.sqlite').write_bytes(b'no database, but long enough to look at' * 9)
     for place in (tmp_path, tmp_path / 'empty.sqlite'):
         assert main(['stats', str(place), '--out', str(tmp_path / 'out')]) == 2

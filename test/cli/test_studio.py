@@ -35,7 +35,7 @@ def test_bad_input_is_one_line(options, told, sample, tmp_path, monkeypatch, cap
     assert told in error and error.count('\n') == 1
 
 
-def test_a_port_that_is_taken_is_one_line(capsys):
+def test_port_in_use_is_one_line(capsys):
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
@@ -43,7 +43,7 @@ def test_a_port_that_is_taken_is_one_line(capsys):
     assert 'wanted a free port' in capsys.readouterr().err
 
 
-def test_it_serves_until_it_is_ended_and_tells_of_what_was_not_saved(sample, tmp_path):
+def test_studio_serves_until_it_is_stopped_and_reports_unsaved_drafts(sample, tmp_path):
     command = [sys.executable, '-m', 'stereo_speed', 'studio', str(sample / 'bag'),
                '--site', str(tmp_path / 'new.yaml'), '--port', '0']
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

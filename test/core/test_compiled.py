@@ -39,33 +39,33 @@ def loop_total(values, more):
     return 'loop', total
 
 
-def test_plain_kernels_where_they_are_asked_for(monkeypatch):
+def test_plain_kernels_can_be_requested(monkeypatch):
     monkeypatch.setenv(compiled.VARIABLE, 'plain')
     assert kernel(plain_total, TYPES)(loop_total)([[1.0, 2.0]], 4) == ('plain', 7.0)
     assert str(kernels()) == 'plain numpy (STEREO_SPEED_KERNELS=plain)'
 
 
-def test_plain_kernels_where_numba_is_missing_and_the_reason(monkeypatch):
+def test_plain_kernels_are_used_without_numba_with_the_reason(monkeypatch):
     monkeypatch.setitem(sys.modules, 'numba', None)
     assert kernel(plain_total, TYPES)(loop_total)([[1.0, 2.0]], 4) == ('plain', 7.0)
     assert not kernels().compiled
     assert 'numba' in kernels().why
 
 
-def test_asked_for_and_missing_is_an_error(monkeypatch):
+def test_requested_compilation_without_numba_is_an_error(monkeypatch):
     monkeypatch.setitem(sys.modules, 'numba', None)
     monkeypatch.setenv(compiled.VARIABLE, 'compiled')
     with pytest.raises(ImportError):
         kernels()
 
 
-def test_what_is_neither_is_an_error(monkeypatch):
+def test_invalid_choice_is_an_error(monkeypatch):
     monkeypatch.setenv(compiled.VARIABLE, 'fast')
     with pytest.raises(ValueError, match="'fast', wanted one of compiled, plain"):
         kernels()
 
 
-def test_compiled_kernels_tell_the_version_of_numba():
+def test_compiled_kernels_report_the_version_of_numba():
     numba = pytest.importorskip('numba')
     total = kernel(plain_total, TYPES)(loop_total)
     assert total([[1.0, 2.0]], 4) == ('loop', 7.0)
@@ -87,7 +87,7 @@ def unaligned(values):
 @pytest.mark.parametrize('other', [
     read_only, unaligned, np.asfortranarray, lambda a: np.repeat(a, 2, axis=1)[:, ::2],
     lambda a: a.astype(np.longdouble), np.ndarray.tolist])
-def test_whatever_arrays_are_like_one_compiled_loop_serves_them(other):
+def test_one_compiled_loop_serves_every_array_layout(other):
     pytest.importorskip('numba')
     total = kernel(plain_total, TYPES)(loop_total)
     values = np.random.default_rng(6).standard_normal((7, 301))
@@ -97,7 +97,8 @@ def test_whatever_arrays_are_like_one_compiled_loop_serves_them(other):
 
 
 @pytest.mark.slow
-def test_bits_depend_neither_on_history_nor_on_who_compiled(fresh_process, tmp_path, monkeypatch):
+def test_bits_do_not_depend_on_history_or_the_compiling_process(
+        fresh_process, tmp_path, monkeypatch):
     pytest.importorskip('numba')
     monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
     compiled, loaded, after_others = (
@@ -138,7 +139,7 @@ for one, args in (
 
 
 @pytest.mark.slow
-def test_after_warming_up_no_pair_waits_for_the_compiler(fresh_process):
+def test_no_pair_waits_for_the_compiler_after_warming_up(fresh_process):
     pytest.importorskip('numba')
     told = fresh_process(WARM).split()
     assert int(told[0]) > 5  # kernels that this needs
@@ -177,7 +178,7 @@ def fresh_process(sample):
     return call
 
 
-def test_constants_of_a_loop_stand_in_its_own_file():
+def test_constants_of_a_loop_are_in_its_own_file():
     """Compiled code is cached until that file changes; constants from elsewhere might be stale."""
     package = Path(compiled.__file__).parents[1]
     files = [path for path in package.rglob('*.py') if '@kernel(' in path.read_text()]

@@ -28,7 +28,7 @@ class Outer(CheckedRecord):
     inner: Inner = section(Inner, 'inner ones')
 
 
-def test_what_is_left_out_keeps_its_default():
+def test_omitted_parameters_keep_their_defaults():
     assert record_of(Outer, {}, 'file') == Outer()
     found = record_of(Outer, {'count': 4, 'exact': True, 'inner': {'share': 1}}, 'file')
     assert found == Outer(count=4, exact=True, inner=Inner(share=1))
@@ -48,18 +48,18 @@ def test_what_is_left_out_keeps_its_default():
     ({'outer': 3}, 'file: key: found outer, wanted one of count, exact, inner'),
     ([1], 'file: top level: found list, wanted a mapping of parameters'),
 ], ids=str)
-def test_one_line_says_what_is_wrong(data, line):
+def test_error_is_one_line_that_names_the_fault(data, line):
     with pytest.raises(InputError) as caught:
         record_of(Outer, data, 'file')
     assert str(caught.value) == line
 
 
-def test_a_section_must_be_its_record():
+def test_section_must_be_its_record():
     with pytest.raises(InputError, match='inner'):
         Outer(inner=0.5)
 
 
-def test_bounds_hold_for_records_that_do_not_check_themselves():
+def test_bounds_hold_for_records_without_checks_of_their_own():
     @dataclass(frozen=True)
     class Careless:
         share: float = parameter(0.5, 0.0, 1.0, '', 'a share')
@@ -67,20 +67,20 @@ def test_bounds_hold_for_records_that_do_not_check_themselves():
         record_of(Careless, {'share': 2.0}, 'file')
 
 
-def test_names_are_dotted():
+def test_parameter_names_are_dotted():
     assert [name for name, _ in parameters_of(Outer, 'p.')] == [
         'p.count', 'p.exact', 'p.inner.share', 'p.inner.name']
 
 
 @pytest.mark.parametrize('text', ['[1, 2]', 'particles: [', 'particles: 3'], ids=str)
-def test_files_that_cannot_be_used_are_named(text, tmp_path):
+def test_unusable_files_are_named(text, tmp_path):
     path = tmp_path / 'config.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match='config.yaml'):
         load_config(path, TrackerConfig)
 
 
-def test_every_parameter_says_what_it_means():
+def test_every_parameter_has_a_meaning():
     for name, field in parameters_of(TrackerConfig):
         meta = field.metadata
         assert meta['doc'] and not meta['doc'].endswith('.'), name

@@ -18,7 +18,7 @@ def counter():
     return FrameCounter(JUMP_NS)
 
 
-def test_numbers_are_those_of_the_camera(counter):
+def test_numbers_equal_those_of_the_camera(counter):
     """At 30 Hz with 3 ms of jitter and one frame in six dropped."""
     rng = np.random.default_rng(8)
     there = rng.random(900) > 1 / 6
@@ -37,7 +37,7 @@ def test_repeated_and_late_stamps_are_left_out(counter):
     assert (counter.number, counter.repeated, counter.late) == (6, 1, 1)
 
 
-def test_jump_back_is_told_from_a_late_stamp_and_numbers_restart(counter):
+def test_jump_back_restarts_numbers_but_a_late_stamp_does_not(counter):
     assert not counter.jumps_back(0)  # nothing has come yet
     for t in (2400, 2500):
         counter.step(t * MS)
@@ -48,7 +48,7 @@ def test_jump_back_is_told_from_a_late_stamp_and_numbers_restart(counter):
     assert counter.repeated == 1  # the counts go on
 
 
-def test_interval_follows_a_camera_that_changes_its_rate(counter):
+def test_interval_follows_a_change_of_the_frame_rate(counter):
     """When 16 of the latest 31 intervals are new, the median is a new one."""
     for i in range(40):
         counter.step(i * 100 * MS)

@@ -34,7 +34,7 @@ print(forks[1].process.returncode, flush=True)
 """
 
 
-def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(monkeypatch):
+def test_process_whose_priority_is_refused_is_ended_cleanly(monkeypatch):
     began = []
 
     def refuse(which, pid, priority):
@@ -50,7 +50,7 @@ def test_a_process_whose_priority_is_refused_is_ended_and_leaves_nothing_open(mo
 
 
 @pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_to_all_of_a_group_does_not_end_a_process_that_has_just_been_started(end, capfd):
+def test_signal_to_the_group_does_not_end_a_process_just_started(end, capfd):
     """Its parent may still need it, and it must not end with a traceback."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     helper = HelperProcess('stereo_speed.detection.search_process', 5.0)
@@ -75,13 +75,13 @@ def forking():
             process.kill()
 
 
-def test_each_fork_ends_by_itself_when_it_is_closed_though_another_goes_on(forking):
+def test_fork_ends_when_it_is_closed_while_another_continues(forking):
     forking.stdout.readline()
     said, _ = forking.communicate('\n', END_S)
     assert said.splitlines() == ['0 None', '0']
 
 
-def test_forks_end_with_the_process_that_they_are_of(forking):
+def test_forks_end_with_their_parent(forking):
     pids = forking.stdout.readline().split()
     forking.kill()
     until_s = time.monotonic() + END_S
@@ -98,7 +98,7 @@ def is_running(pid):
         return False
 
 
-def test_what_a_fork_raises_is_its_exit_status_and_no_end_of_this_process(capfd):
+def test_exception_in_a_fork_is_its_exit_status_only(capfd):
     def fail():
         raise SystemExit(0)
 
@@ -108,7 +108,7 @@ def test_what_a_fork_raises_is_its_exit_status_and_no_end_of_this_process(capfd)
     fork.kill()  # which does nothing any more
 
 
-def test_a_fork_that_goes_on_is_waited_for_no_longer_than_told_and_can_be_killed():
+def test_running_fork_is_waited_for_up_to_the_limit_and_can_be_killed():
     fork = Fork(lambda: time.sleep(END_S))
     with pytest.raises(subprocess.TimeoutExpired):
         fork.wait(0.0)
@@ -117,7 +117,7 @@ def test_a_fork_that_goes_on_is_waited_for_no_longer_than_told_and_can_be_killed
     assert fork.wait(END_S) == -9
 
 
-def test_where_it_cannot_be_forked_a_process_of_its_own_is_started(monkeypatch):
+def test_separate_process_is_started_where_forking_is_impossible(monkeypatch):
     def start(*_):
         raise OSError('started')
     monkeypatch.setattr(helper_process, 'can_fork', lambda: False)
@@ -126,13 +126,13 @@ def test_where_it_cannot_be_forked_a_process_of_its_own_is_started(monkeypatch):
         HelperProcess('stereo_speed.detection.search_process', 5.0, fork=True)
 
 
-def test_how_a_fork_ended_that_nobody_is_told_of_is_taken_for_well():
+def test_unknown_exit_status_of_a_fork_counts_as_success():
     fork = Fork(lambda: None)
     os.waitpid(fork.pid, 0)  # as where signals of ends are ignored
     assert fork.wait(END_S) == 0
 
 
-def test_what_has_other_threads_is_not_forked():
+def test_process_with_other_threads_is_not_forked():
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()

@@ -22,7 +22,7 @@ HUGE = ['1' + '0' * 400, '-1' + '0' * 400, '0x1' + '0' * 5000]
     (load_init, 'stereo_speed_init: {}\nvehicles: []'),
     (load_targets, 'environment_targets: 1\ntargets: [{{id: 1, frame: 1, box: [{}, 1, 1, 1]}}]'),
 ], ids=['whole', 'float', 'point', 'version', 'box'])
-def test_a_number_too_large_for_a_float_is_refused(tmp_path, load, text, number):
+def test_number_too_large_for_a_float_is_refused(tmp_path, load, text, number):
     path = tmp_path / 'file.yaml'
     path.write_text(text.format(number))
     with pytest.raises(InputError):
@@ -32,5 +32,5 @@ def test_a_number_too_large_for_a_float_is_refused(tmp_path, load, text, number)
 @pytest.mark.parametrize(('value', 'finite'), [
     (0, True), (-1e308, True), (2 ** 1023, True), (2 ** 1024, False), (-10 ** 400, False),
     (float('inf'), False), (float('nan'), False)])
-def test_what_a_float_can_hold(value, finite):
+def test_number_within_the_range_of_a_float_is_accepted(value, finite):
     assert is_finite(value) is finite

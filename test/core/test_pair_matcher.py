@@ -25,7 +25,7 @@ def test_exact_pairs_come_at_once_with_their_items():
     assert (matcher.unpaired_left, matcher.unpaired_right) == (0, 0)
 
 
-def test_exact_counts_what_has_no_partner():
+def test_exact_pairing_counts_images_without_a_partner():
     # L  1 2   4 5
     # R  1   3 4
     matcher = PairMatcher()
@@ -87,13 +87,13 @@ def test_reset_forgets_time_and_counts():
 
 
 @pytest.mark.parametrize('arguments', [{'tolerance_ns': -1}, {'queue_size': 0}])
-def test_senseless_arguments(arguments):
+def test_invalid_arguments_are_refused(arguments):
     with pytest.raises(ValueError, match='tolerance_ns must be >= 0 and queue_size >= 1'):
         PairMatcher(**arguments)
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_nearest_is_brute_force_where_frames_are_distinct(seed):
+def test_nearest_equals_brute_force_where_frames_are_distinct(seed):
     rng = np.random.default_rng(seed)
     kept = [rng.random(60) < 0.8 for _ in range(2)]
     stamps = [[int(100 * i + rng.integers(-20, 21)) for i in range(60) if kept[side][i]]

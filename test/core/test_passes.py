@@ -17,7 +17,7 @@ PASS = PassResult(
     budget=SpeedBudget(matching_mps=0.03, path_mps=0.0, stamps_mps=0.04, calibration_mps=0.0))
 
 
-def test_doubt_is_independent_and_goes_into_its_part():
+def test_additional_doubt_is_independent_and_in_its_part_of_the_budget():
     # 0.2 % of 20 m/s is 0.04 m/s
     doubted = PASS.doubted(0.002, 'calibration_mps')
     assert doubted.speed_std_mps == pytest.approx((0.05 ** 2 + 0.04 ** 2) ** 0.5)
@@ -29,25 +29,25 @@ def test_doubt_is_independent_and_goes_into_its_part():
     assert twice.budget.calibration_mps == pytest.approx(0.04 * 2 ** 0.5)
 
 
-def test_a_pass_without_a_speed_has_no_doubt():
+def test_pass_without_a_speed_has_no_doubt():
     rejected = PASS.rejected(Reason.UNCERTAIN)
     assert rejected.doubted(0.1, 'stamps_mps') is rejected
     assert (rejected.speed_mps, rejected.speed_std_mps, rejected.budget) == (None, None, None)
     assert not rejected.smoothed and rejected.profile_mps == (None, None, None)
 
 
-def test_the_profile_is_told_by_its_ends_and_its_greatest_speed():
+def test_profile_is_summarised_by_its_ends_and_maximum():
     assert PASS.profile_mps == (22.0, 18.0, 22.0)
 
 
-def test_pairs_stand_for_the_time_that_is_nearest_to_them():
+def test_pairs_represent_the_time_nearest_to_them():
     # By hand, in tenths of a second: from -1/2 to 1/2, 3/2, 3 and 9/2, of 5 in all.
     assert time_shares([0, 100, 200, 400]) == pytest.approx([0.2, 0.2, 0.3, 0.3])
     assert time_shares([7]) == pytest.approx([1.0])
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_mean_of_steady_braking_does_not_depend_on_which_pairs_are_missing(seed):
+def test_mean_of_steady_braking_does_not_depend_on_missing_pairs(seed):
     rng = np.random.default_rng(seed)
     stamps = np.arange(40) * 66_666_667 + 1_700_000_000_000_000_000
     kept = stamps[np.r_[0, np.sort(rng.choice(np.arange(1, 39), 20, False)), 39]]

@@ -34,7 +34,7 @@ def passing():
         assert not thread.is_alive()
 
 
-def test_who_gives_way_waits_while_it_is_held_and_goes_on_after(passing):
+def test_yielding_thread_waits_while_held_and_then_continues(passing):
     way = RightOfWay(most_s=_LONG_S)
     with way.held():
         passed = passing(way)
@@ -42,12 +42,12 @@ def test_who_gives_way_waits_while_it_is_held_and_goes_on_after(passing):
     assert passed.wait(_LONG_S)
 
 
-def test_who_never_lets_go_holds_nobody_up_for_long(passing):
+def test_yielding_thread_is_held_for_a_limited_time(passing):
     way = RightOfWay(most_s=0.01)
     with way.held():
         assert passing(way).wait(_LONG_S)
 
 
-def test_who_was_not_told_to_gives_no_way():
+def test_thread_not_asked_to_yield_does_not_wait():
     with RightOfWay(most_s=_LONG_S).held():
         give_way()

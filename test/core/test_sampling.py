@@ -14,7 +14,7 @@ def test_sampler_by_hand(count, length, wanted):
     assert sampled(count, length) == wanted
 
 
-def test_sampler_keeps_little_and_spans_all():
+def test_sampler_keeps_few_items_and_spans_the_stream():
     sampler = EvenSampler(9)
     for item in range(10_000):
         if sampler.wants():

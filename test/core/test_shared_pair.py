@@ -12,7 +12,7 @@ from stereo_speed.core.shared_pair import SharedPair
 
 
 @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
-def test_pairs_one_after_the_other_come_out_as_they_were(dtype):
+def test_successive_pairs_are_returned_unchanged(dtype):
     rng, shape, memory = np.random.default_rng(0), (3, 5), mmap(-1, 4096)
     pairs = [StereoPair(k, 10 * k, 10 * k + 1, rng.integers(0, 255, shape).astype(dtype),
                         rng.integers(0, 255, shape).astype(dtype),

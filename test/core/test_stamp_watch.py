@@ -15,7 +15,7 @@ def steps_s(stamps_ns):
 
 
 @pytest.mark.parametrize('step_ns', [30_000_000, -30_000_000, 5_000_000])
-def test_a_step_is_found_once(step_ns):
+def test_step_is_found_once(step_ns):
     stamps = PERIOD_NS * np.arange(60)
     stamps[40:] += step_ns
     assert steps_s(stamps) == pytest.approx([step_ns * 1e-9])
@@ -30,7 +30,7 @@ def test_small_jitter_is_no_step():
     assert steps_s(PERIOD_NS * np.arange(200) + jitter) == []
 
 
-def test_of_uneven_exposures_nothing_is_said():
+def test_uneven_exposures_give_no_result():
     assert steps_s(np.cumsum(np.random.default_rng(1).uniform(1e8, 3e8, 200))) == []
 
 
@@ -48,7 +48,7 @@ def unevenness_s(stamps_ns, most_s=4e-4):
 
 
 @pytest.mark.parametrize('period_ns', [PERIOD_NS, 33_366_700])
-def test_how_uneven_stamps_are_is_found_but_for_what_twenty_intervals_leave_open(period_ns):
+def test_unevenness_is_measured_to_the_limit_of_twenty_intervals(period_ns):
     """Also with lost images; the mean over many streams is right to a few per cent."""
     rng, std_ns = np.random.default_rng(2), 1.5e6
     found = []
@@ -59,7 +59,7 @@ def test_how_uneven_stamps_are_is_found_but_for_what_twenty_intervals_leave_open
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(std_ns * 1e-9, rel=0.1)
 
 
-def test_the_first_intervals_leave_more_open():
+def test_unevenness_is_less_certain_after_few_intervals():
     """A 1-sigma taken for the truth would be overconfident: mean error over it is at most 1."""
     rng, ratios = np.random.default_rng(3), []
     for _ in range(2000):
@@ -74,11 +74,11 @@ def test_the_first_intervals_leave_more_open():
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
     PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # as it should be
     PERIOD_NS * np.arange(60) + 30_000_000 * (np.arange(60) > 50)])  # a step
-def test_of_even_stamps_missing_images_and_steps_nothing_is_said(stamps_ns):
+def test_even_stamps_with_missing_images_and_steps_are_not_reported(stamps_ns):
     assert unevenness_s(stamps_ns) is None
 
 
-def test_stamps_good_to_their_parameter_are_hardly_ever_told_to_be_worse():
+def test_stamps_within_their_parameter_are_hardly_ever_reported():
     rng = np.random.default_rng(4)
     told = [unevenness_s(PERIOD_NS * np.arange(count) + rng.normal(0, 2e5, count)) is not None
             for count in rng.integers(6, 30, 2000)]
@@ -96,7 +96,7 @@ def told_s(stamps_ns):
 
 @pytest.mark.parametrize('rate_hz, std_s', [
     (60.0, 2e-3), (60.0, 3e-3), (30.0, 5e-3), (30.0, 6e-3), (30.0, 8e-3), (5.0, 0.03)])
-def test_however_great_the_scatter_is_it_is_told_and_goes_on_to_be(rate_hz, std_s):
+def test_unevenness_of_any_size_is_reported_and_stays_so(rate_hz, std_s):
     """Beyond a sixth of the period no pace is recognisable: all scatter of intervals counts."""
     rng, found = np.random.default_rng(5), []
     for _ in range(50):
@@ -107,7 +107,7 @@ def test_however_great_the_scatter_is_it_is_told_and_goes_on_to_be(rate_hz, std_
 
 
 @pytest.mark.parametrize('rate_hz, std_s', [(30.0, 3e-3), (60.0, 3e-3)])
-def test_of_uneven_stamps_with_images_missing_no_less_is_told(rate_hz, std_s):
+def test_missing_images_do_not_reduce_the_reported_unevenness(rate_hz, std_s):
     rng, found = np.random.default_rng(6), []
     for _ in range(100):
         stamps_ns = 1e9 * np.sort(np.arange(80) / rate_hz + rng.normal(0, std_s, 80))
@@ -116,7 +116,7 @@ def test_of_uneven_stamps_with_images_missing_no_less_is_told(rate_hz, std_s):
     assert 1.0 < np.sqrt(np.mean(np.square(found))) / std_s < 2.0
 
 
-def test_of_exposures_at_any_time_the_scatter_of_the_intervals_is_told():
+def test_arbitrary_exposure_times_report_the_scatter_of_intervals():
     """Intervals of 0.1 to 0.3 s have a 1-sigma of 0.2 s / sqrt(12)."""
     rng = np.random.default_rng(1)
     found = [unevenness_s(np.cumsum(rng.uniform(1e8, 3e8, 60))) for _ in range(100)]
@@ -126,13 +126,13 @@ def test_of_exposures_at_any_time_the_scatter_of_the_intervals_is_told():
 
 @pytest.mark.parametrize('off_ns', [2_500_000, -2_500_000, 10_000_000])
 @pytest.mark.parametrize('period_ns', [PERIOD_NS, THIRTIETH_NS])
-def test_one_stray_stamp_says_nothing_of_the_others(off_ns, period_ns):
+def test_single_stray_stamp_is_not_reported(off_ns, period_ns):
     stamps_ns = period_ns * np.arange(80)
     stamps_ns[50] += off_ns
     assert told_s(stamps_ns) == [None] * 80
 
 
-def test_two_stray_stamps_do():
+def test_two_stray_stamps_are_reported():
     stamps_ns = THIRTIETH_NS * np.arange(80)
     stamps_ns[[50, 55]] += 2_500_000
     assert told_s(stamps_ns)[56] > 4e-4
@@ -144,7 +144,7 @@ def test_another_even_pace_is_not_uneven(rate_hz):
     assert told_s(stamps_s * 1e9) == [None] * 80
 
 
-def test_jitter_that_begins_is_told_within_a_few_pairs():
+def test_onset_of_jitter_is_reported_within_a_few_pairs():
     rng = np.random.default_rng(7)
     for _ in range(50):
         stamps_ns = THIRTIETH_NS * np.arange(80.0)
@@ -162,7 +162,7 @@ def odd_shares(stamps_ns, odd_s=9e-4, most_s=0.01, least_s=0.06):
     return np.array(shares)
 
 
-def test_an_odd_share_is_found_once_for_all_tracks_of_a_pair_and_anew_with_the_next():
+def test_odd_share_is_computed_once_per_pair_for_all_tracks():
     watch = StampWatch()
     for ns in PERIOD_NS * np.arange(30) + 2_500_000 * (np.arange(30) == 29):
         watch.add(int(ns))
@@ -173,7 +173,7 @@ def test_an_odd_share_is_found_once_for_all_tracks_of_a_pair_and_anew_with_the_n
     assert watch.odd_share(9e-4, 0.01, 0.06) == pytest.approx(2.5 / 197.5)
 
 
-def test_speeds_near_an_odd_stamp_are_doubted_by_the_share_that_it_is_off():
+def test_speeds_near_an_odd_stamp_are_doubted_by_its_share():
     stamps_ns = 100_000_000 * np.arange(80)
     stamps_ns[50] += 2_500_000
     shares = odd_shares(stamps_ns)
@@ -187,18 +187,18 @@ def test_speeds_near_an_odd_stamp_are_doubted_by_the_share_that_it_is_off():
     PERIOD_NS * np.arange(60),
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
     PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60)])  # as it should be
-def test_of_stamps_as_they_should_be_none_is_odd(stamps_ns):
+def test_regular_stamps_have_no_odd_share(stamps_ns):
     assert not odd_shares(stamps_ns)[3:].any()
 
 
-def test_no_way_is_shorter_than_speeds_are_measured_over_and_no_stamp_off_by_more_than_it_may():
+def test_odd_share_is_limited_by_baseline_and_maximum_error():
     stamps_ns = THIRTIETH_NS * np.arange(80)
     stamps_ns[50] += 2_500_000
     assert odd_shares(stamps_ns)[50] == pytest.approx(2.5 / 60)
     assert odd_shares(stamps_ns, most_s=1e-3)[50] == pytest.approx(1.0 / 60)
 
 
-def test_a_stamp_that_is_odd_among_the_first_is_noticed():
+def test_odd_stamp_among_the_first_is_noticed():
     """Of two different intervals either may be right: each is wrong by half."""
     assert odd_shares(PERIOD_NS * np.arange(3) + [0, 0, 4_000_000])[2] == pytest.approx(2 / 204)
     assert odd_shares(PERIOD_NS * np.arange(4) + [0, 0, 0, 4_000_000])[3] == pytest.approx(4 / 204)

@@ -16,7 +16,7 @@ def mapping(**data):
     return StrictMapping('f.yaml', 'at', data, tuple(data))
 
 
-def test_what_is_given_is_returned():
+def test_given_values_are_returned():
     fields = mapping(n=2, f=-0.5, all=[1, 2.5], name='a', names=['a', 'b'], quad=QUAD,
                      flat=[[1, 2]])
     two = fields.number('n', 0, 9, 'm')
@@ -32,7 +32,7 @@ def test_what_is_given_is_returned():
 
 @pytest.mark.parametrize('value', [
     True, 'x', None, float('nan'), float('inf'), -1, 10.1, [1]])
-def test_no_number_within_bounds(value):
+def test_number_out_of_bounds_is_refused(value):
     with pytest.raises(SiteError, match=r'f.yaml: at.n: found .* wanted degrees in \[0, 10\]'):
         mapping(n=value).number('n', 0, 10, 'degrees')
 
@@ -66,7 +66,7 @@ def test_unknown_keys_and_no_mapping():
         StrictMapping('f.yaml', 'at', [], ('a',))
 
 
-def test_versions(tmp_path):
+def test_unsupported_versions_are_refused(tmp_path):
     path = tmp_path / 'f.yaml'
     path.write_text('kind: 1\nvalue: 2\n')
     assert load_yaml(path, 'kind') == {'kind': 1, 'value': 2}

@@ -16,7 +16,7 @@ def said(ns, track=0, off_px=0.0, state=TrackState.CONFIRMED):
                        np.eye(3), BOX + off_px, BOX)
 
 
-def test_what_is_shown_is_confirmed_and_measured_from():
+def test_shown_pairs_are_confirmed_and_measured_from():
     states = [TrackState.TENTATIVE, TrackState.TENTATIVE, TrackState.CONFIRMED,
               TrackState.COASTING, TrackState.CONFIRMED, TrackState.CONFIRMED, None]
     pairs = tuple(TracePair(k, k, None, None, None if state is None else said(k, state=state))
@@ -26,7 +26,7 @@ def test_what_is_shown_is_confirmed_and_measured_from():
     assert trace.shown(set()) == ()
 
 
-def test_of_each_other_vehicle_in_a_pair_what_was_said_last_counts():
+def test_last_update_of_each_other_vehicle_in_a_pair_counts():
     builder, image = TraceBuilder(
         PassTrace(0, 0, 'near', InitialFront(0, BOX, BOX), 400, None, ())), np.zeros((2, 2))
     for ns in (1, 2):
@@ -39,7 +39,7 @@ def test_of_each_other_vehicle_in_a_pair_what_was_said_last_counts():
     assert second.others == ()
 
 
-def test_stamps_may_turn_out_uneven_after_the_last_pair():
+def test_stamp_uncertainty_may_rise_after_the_last_pair():
     builder, image = TraceBuilder(
         PassTrace(0, 0, 'near', InitialFront(0, BOX, BOX), 400, None, ())), np.zeros((2, 2))
     for ns in (1, 2):

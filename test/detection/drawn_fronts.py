@@ -38,18 +38,18 @@ _FRONT = np.random.default_rng(1).uniform(20, 230, (12, 12))
 @dataclass(frozen=True)
 class Front:
     """
-    What stands on the road, or lies on it.
+    A flat object that stands on the road, or lies on it.
 
-    :param s_m: arc length, m.
-    :param x_m: offset of its middle to the left of travel, m.
+    :param s_m: arc length.
+    :param x_m: offset of its middle to the left of travel.
     :param symmetric: whether it is its own mirror image.
     :param lying: it is painted on the road.
-    :param pole_m: half the width of a pole before its middle, m.
-    :param half_m: half of its width, m.
-    :param low_m: height of its lower edge above the road, m.
-    :param high_m: height of its upper edge, m.
-    :param light: of its grey values, as a share.
-    :param shadow_m: how far its shadow reaches to its right, m; it is 8 m long, and black.
+    :param pole_m: half the width of a pole in front of its middle.
+    :param half_m: half of its width.
+    :param low_m: height of its lower edge above the road.
+    :param high_m: height of its upper edge.
+    :param light: factor of its grey values.
+    :param shadow_m: how far its shadow, black and 8 m long, reaches to its right.
     """
 
     s_m: float
@@ -65,7 +65,7 @@ class Front:
 
 
 def drawn(camera, centre_m, fronts, rng):
-    """Draw one view of a camera at a place, parallel to the left one."""
+    """Draw the view of a camera at a position, parallel to the left one."""
     v, u = np.mgrid[:camera.height_px, :camera.width_px]
     rays = camera.rays(np.stack([u, v], -1).astype(float))
     ground = centre_m + rays * ((HEIGHT_M - centre_m[1]) / np.maximum(rays[..., 1:2], 1e-3))
@@ -111,9 +111,9 @@ def pyramids_of(pair):
 
 def depth_bound_m(geometry, s_m, disparity_px=0.1):
     """
-    Return by how much a front may be displaced along the lane.
+    Return the bound on the error of a front along the lane.
 
-    By an error of its disparity, and by the 6 mm in the right view at which its refinement stops.
+    From the error of its disparity, and the 6 mm in the right view at which its refinement stops.
     """
     rates = geometry.exact_rates(np.array([s_m]))
     shift_m = max(disparity_px / float(rates.px_per_m[0]), 0.006)

@@ -66,7 +66,7 @@ def assert_same(these, those):
 
 
 @pytest.mark.slow
-def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, process):
+def test_result_does_not_depend_on_the_expected_tracks(traffic, process):
     """Expected regions are the true ones, none, or wrong ones in turn; the true ones vary, too."""
     failures, found_ever = [], 0
     turn, beside = both(traffic, process, failures.append)
@@ -85,7 +85,7 @@ def test_whatever_tracks_were_expected_to_hold_the_same_is_found(traffic, proces
 
 
 @pytest.mark.slow
-def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
+def test_pairs_without_a_search_are_not_sent(traffic, process):
     """At 30 pairs/s two lanes take turns in six pairs, and time jumps once."""
     failures, sent, found = [], [], 0
     turn, beside = both(traffic, process, failures.append)
@@ -107,7 +107,7 @@ def test_pairs_in_which_nothing_is_searched_are_not_sent(traffic, process):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('interval_s', [0.06, 1.0], ids=['rare', 'dense'])
-def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
+def test_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     failures, results = [], []
     config = PipelineConfig(TrackerConfig(effort=EffortConfig(solve_interval_s=interval_s)))
     for detect in (None, lambda *args: DetectorBeside(process, *args, failed=failures.append)):
@@ -118,7 +118,7 @@ def test_a_pipeline_measures_the_same_with_it(traffic, process, interval_s):
     assert results[0] == results[1] and results[0] and failures == []
 
 
-def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
+def test_search_whose_result_is_no_longer_wanted_is_dropped(straight, process):
     failures, found = [], []
     _, beside = both(straight, process, failures.append)
     beside.expect(straight.pairs[0], [])
@@ -131,7 +131,7 @@ def test_a_pair_that_nobody_asks_for_any_more_is_let_go(straight, process):
     assert all(one.earlier.pairs[0] in straight.pairs for one in found if one.earlier is not None)
 
 
-def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(straight, process):
+def test_result_of_a_previous_detector_is_not_used_by_the_next(straight, process):
     """As when the calibration changes during a search."""
     failures, found = [], 0
     _, before = both(straight, process, failures.append)
@@ -145,7 +145,7 @@ def test_what_a_detector_before_has_not_asked_for_is_no_answer_to_the_next(strai
     assert found and failures == []
 
 
-def test_a_process_that_dies_leaves_the_search_here(straight, process):
+def test_search_continues_here_when_the_process_dies(straight, process):
     failures = []
     turn, beside = both(straight, process, failures.append)
     pairs = straight.pairs
@@ -160,7 +160,7 @@ def test_a_process_that_dies_leaves_the_search_here(straight, process):
     assert len(failures) == 1
 
 
-def test_without_a_process_it_searches_here_until_there_is_one(straight, process):
+def test_searches_here_until_the_process_is_ready(straight, process):
     """The detector that continues remembers the earlier pairs."""
     failures, pairs = [], straight.pairs
     turn, beside = both(straight, None, failures.append)
@@ -181,7 +181,7 @@ def test_without_a_process_it_searches_here_until_there_is_one(straight, process
 
 
 @pytest.mark.slow
-def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
+def test_moving_to_the_process_and_back_gives_the_same_result(traffic):
     """It moves with the fourth pair, in the middle of a round, and back after the ninth."""
     process, failures, asked, found = SearchProcess(), [], [], 0
     process.wait()
@@ -204,7 +204,7 @@ def test_wherever_it_moves_to_and_back_the_same_is_found(traffic):
         process.close()
 
 
-def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(straight):
+def test_unresponsive_process_is_waited_for_up_to_the_limit(straight):
     process, failures = SearchProcess(answer_s=0.3), []
     process.wait()
     try:
@@ -220,7 +220,7 @@ def test_a_process_that_does_not_answer_is_waited_for_so_long_and_no_longer(stra
     assert process.process.returncode is not None
 
 
-def test_it_ends_with_the_process_that_started_it():
+def test_process_ends_with_its_parent():
     with subprocess.Popen([sys.executable, '-c', BEGIN], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True) as parent:
         pid = int(parent.stdout.readline())
@@ -231,7 +231,7 @@ def test_it_ends_with_the_process_that_started_it():
         time.sleep(0.02)
 
 
-def test_what_was_asked_of_tracks_tells_whether_others_would_have_answered_alike():
+def test_recorded_queries_decide_whether_other_tracks_agree():
     """On a lane along z, 2 m ahead of a track is too near, 50 m is not."""
     path = StraightPath(np.zeros(3), np.array([0.0, 0.0, 1.0]), 100.0)
     spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Boxes become fronts: in time and late, once each, and only where a vehicle drives."""
+"""Boxes become fronts: on time and late, once each, and only where a vehicle drives."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -42,7 +42,7 @@ def detector_of(**changes):
 
 
 def check(found, k):
-    """Check a detection against the front of a pair."""
+    """Compare a detection with the front of a pair."""
     true = front_at(k)
     assert found.lane == 'lane'
     assert abs(found.s_m - true.s_m) < depth_bound_m(GEOMETRY, true.s_m)
@@ -52,14 +52,14 @@ def check(found, k):
     assert abs(found.speed_mps - SPEED_MPS) < std + 0.02 * SPEED_MPS
 
 
-def test_it_is_registered_and_takes_boxes():
+def test_detector_is_registered_and_takes_boxes():
     assert DETECTORS.load('boxes') is BoxDetector
     assert isinstance(detector_of(), TakesBoxes)
 
 
 @pytest.mark.parametrize('off_px', [(0.0, 0.0), (4.0, -3.0), (-4.0, 4.0)])
 @pytest.mark.parametrize('late', [0, 1, 3])
-def test_a_vehicle_is_found_where_it_is_by_now(pairs, late, off_px):
+def test_vehicle_is_found_at_its_current_place(pairs, late, off_px):
     detector = detector_of()
     found = []
     for k, pair in enumerate(pairs[:late + 2]):
@@ -75,7 +75,7 @@ def test_a_vehicle_is_found_where_it_is_by_now(pairs, late, off_px):
     assert detector.unmatched == 0
 
 
-def test_the_same_pairs_and_boxes_give_the_same_fronts(pairs):
+def test_same_pairs_and_boxes_give_the_same_fronts(pairs):
     runs = []
     for _ in range(2):
         detector = detector_of()
@@ -93,27 +93,27 @@ def second_pair(pairs, boxes, tracked=(), **changes):
     return detector.update(pairs[1], tracked)
 
 
-def test_two_boxes_of_one_vehicle_are_one_front(pairs):
+def test_two_boxes_of_one_vehicle_give_one_front(pairs):
     assert len(second_pair(pairs, [box_of(front_at(1)), box_of(front_at(1), (3.0, 2.0))])) == 1
 
 
-def test_boxes_where_no_vehicle_is_give_nothing(pairs):
+def test_boxes_without_a_vehicle_give_nothing(pairs):
     empty = box_of(Front(8.0))
     assert second_pair(pairs, [ROADSIDE, empty, replace(ROADSIDE, top_px=-300.0)]) == []
     assert second_pair(pairs, []) == []
 
 
-def test_what_stands_still_is_no_vehicle(pairs):
+def test_stationary_object_is_no_vehicle(pairs):
     still = [pairs[0], pair_of([FIRST], 1)]
     assert second_pair(still, [box_of(FIRST)]) == []
 
 
-def test_an_unlikely_box_is_ignored(pairs):
+def test_unlikely_box_is_ignored(pairs):
     assert second_pair(pairs, [box_of(front_at(1), score=0.4)]) == []
     assert len(second_pair(pairs, [box_of(front_at(1), score=0.4)], least_score=0.3)) == 1
 
 
-def test_a_box_on_a_tracked_vehicle_is_ignored(pairs):
+def test_box_on_a_tracked_vehicle_is_ignored(pairs):
     one, = second_pair(pairs, [box_of(front_at(1))])
     region = TrackedRegion(lane=one.lane, s_m=one.s_m, lateral_m=one.lateral_m,
                            width_m=one.width_m, height_m=one.height_m, left_px=one.left_px,
@@ -121,7 +121,7 @@ def test_a_box_on_a_tracked_vehicle_is_ignored(pairs):
     assert second_pair(pairs, [box_of(front_at(1))], [region]) == []
 
 
-def test_a_late_box_on_what_is_tracked_by_now_is_ignored(pairs):
+def test_late_box_on_a_vehicle_tracked_by_now_is_ignored(pairs):
     detector = detector_of()
     for pair in pairs[:2]:
         detector.update(pair)
@@ -132,7 +132,7 @@ def test_a_late_box_on_what_is_tracked_by_now_is_ignored(pairs):
     assert detector.update(pairs[2], [region]) == []
 
 
-def test_a_front_that_is_not_symmetric_is_found_by_its_box_alone():
+def test_asymmetric_front_is_found_by_its_box_alone():
     lopsided = [pair_of([front_at(k, replace(FIRST, symmetric=False))], k) for k in range(2)]
     one, = second_pair(lopsided, [box_of(front_at(1))])
     assert abs(one.s_m - front_at(1).s_m) < depth_bound_m(GEOMETRY, one.s_m) + 0.3
@@ -140,7 +140,7 @@ def test_a_front_that_is_not_symmetric_is_found_by_its_box_alone():
     assert [sweep.update(pair) for pair in lopsided] == [[], []]
 
 
-def test_boxes_of_pairs_that_never_came_or_are_forgotten_are_counted(pairs):
+def test_boxes_of_unknown_or_forgotten_pairs_are_counted(pairs):
     detector = detector_of(history_pairs=1)
     detector.offer(pairs[0].stamp_ns - 5, [ROADSIDE])  # of no pair
     for pair in pairs[:3]:
@@ -162,7 +162,7 @@ def test_reset_forgets_pairs_and_boxes(pairs):
     assert len(detector.update(pairs[2])) == 1
 
 
-def test_a_gap_forgets_pairs(pairs):
+def test_gap_forgets_pairs(pairs):
     assert second_pair([pairs[0], replace(
         pairs[1], stamp_ns=pairs[1].stamp_ns + 4_000_000_000,
         right_stamp_ns=pairs[1].stamp_ns + 4_000_000_000)], [box_of(front_at(1))]) == []

@@ -28,7 +28,7 @@ def box_at(geometry, s_m, x_m, half_m=0.9, height_m=1.5):
 
 
 @pytest.mark.parametrize('s_m', [15.0, 30.0, 45.0])
-def test_the_first_place_is_where_the_box_meets_the_road(geometry, s_m):
+def test_first_place_is_where_the_box_meets_the_road(geometry, s_m):
     first = box_proposals(geometry, box_at(geometry, s_m, 0.4), 1.9, FIT)[0]
     assert first.s_m == pytest.approx(s_m, abs=0.01)
     assert first.x_m == pytest.approx(0.4, abs=0.01)
@@ -49,11 +49,11 @@ def test_further_places_cover_the_error_of_the_lower_edge(geometry):
 
 
 @pytest.mark.parametrize('x_m', [-6.0, 6.0])
-def test_a_box_beside_the_lane_proposes_nothing(geometry, x_m):
+def test_box_beside_the_lane_proposes_nothing(geometry, x_m):
     assert box_proposals(geometry, box_at(geometry, 30.0, x_m), 1.9, FIT) == []
 
 
-def test_a_box_in_the_sky_proposes_nothing(geometry):
+def test_box_in_the_sky_proposes_nothing(geometry):
     sky = ImageBox(left_px=300, top_px=-900, width_px=50, height_px=50)
     assert box_proposals(geometry, sky, 1.9, FIT) == []
 
@@ -69,6 +69,6 @@ def test_a_box_in_the_sky_proposes_nothing(geometry):
     ((110, 170), (190, 214), FIT, True),
     ((110, 170), (190, 214), BoxFitConfig(margin_share=0.1), False),
 ])
-def test_a_front_lies_in_the_lower_part_of_its_box(low, high, fit, fits):
+def test_front_lies_in_the_lower_part_of_its_box(low, high, fit, fits):
     quad = np.array([low, (high[0], low[1]), high, (low[0], high[1])], float)
     assert fits_box(quad, BOX, fit) == fits

@@ -21,6 +21,6 @@ from stereo_speed.detection.config import DetectorConfig, FrontConfig, MotionCon
     (DetectorConfig, {'least_symmetry': 1.5}, 'least_symmetry'),
     (BoxConfig, {'forget_after_s': 0.15}, r'motion.reference_s: found 0.19'),
 ], ids=lambda value: str(value)[:30])
-def test_what_cannot_find_anything_is_refused(kind, values, named):
+def test_config_that_cannot_find_anything_is_refused(kind, values, named):
     with pytest.raises(InputError, match=named):
         kind(**values)

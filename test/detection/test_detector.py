@@ -19,7 +19,7 @@ from stereo_speed.pipeline.run import run
 
 
 def offset_m(found, row, drive):
-    """How far a detection is from the true middle of a front, m along the lane and across."""
+    """Return how far a detection is from the true middle of a front, along the lane and across."""
     path = drive.lanes[found.lane].path
     centre = drive.rig.triangulate(found.left_px, found.right_px).mean(axis=0)
     frame = path.frame(path.arc_length(centre))
@@ -27,7 +27,7 @@ def offset_m(found, row, drive):
 
 
 def bound_m(found, drive):
-    """Return by how much a detection may be displaced along its lane."""
+    """Return the bound on the error of a detection along its lane."""
     return depth_bound_m(LaneGeometry(drive.rig, drive.lanes[found.lane]), found.s_m)
 
 
@@ -49,7 +49,7 @@ def first_pair_found(drive, config=DetectorConfig()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['straight', 'distorted'])
-def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
+def test_vehicle_is_found_in_its_second_pair_at_its_place(name, request):
     drive = request.getfixturevalue(name)
     pair, found = first_pair_found(drive)
     assert pair is not None and pair.index == 1
@@ -64,7 +64,7 @@ def test_a_vehicle_is_found_in_its_second_pair_and_well_placed(name, request):
     assert left[0, 0] < left[1, 0] and left[0, 1] < left[3, 1] and left[3, 0] < left[2, 0]
 
 
-def test_where_it_was_is_reported_too(straight):
+def test_earlier_place_is_reported_too(straight):
     pair, (one,) = first_pair_found(straight)
     then, = one.earlier.pairs
     assert then is straight.pairs[0]
@@ -87,7 +87,7 @@ def hidden(pair, row, rig):
     return replace(pair, left=views[0], right=views[1])
 
 
-def test_a_front_that_was_occluded_in_part_is_found_a_pair_later(straight):
+def test_partly_occluded_front_is_found_a_pair_later(straight):
     first = straight.pairs[0]
     post = hidden(first, straight.truth[first.stamp_ns][0], straight.rig)
     pair, found = first_pair_found(straight._replace(pairs=[post, *straight.pairs[1:]]))
@@ -95,7 +95,7 @@ def test_a_front_that_was_occluded_in_part_is_found_a_pair_later(straight):
     assert found[0].earlier.pairs == (straight.pairs[1],)
 
 
-def test_a_held_vehicle_is_not_found_again(straight):
+def test_held_vehicle_is_not_found_again(straight):
     detector = PlaneSweepDetector(straight.rig, straight.lanes, DetectorConfig())
     tracked = ()
     for pair in straight.pairs:
@@ -113,7 +113,7 @@ def replace_s(place, ahead_m):
     return replace(place, s_m=place.s_m + ahead_m)
 
 
-def test_what_stands_still_is_no_vehicle(straight):
+def test_stationary_object_is_no_vehicle(straight):
     detector = PlaneSweepDetector(straight.rig, straight.lanes, DetectorConfig())
     rng = np.random.default_rng(0)
     base = straight.pairs[2]
@@ -126,13 +126,13 @@ def test_what_stands_still_is_no_vehicle(straight):
             right=noisy[1]), ()) == []
 
 
-def test_one_view_alone_finds_nothing(straight):
+def test_motion_in_one_view_alone_is_no_detection(straight):
     """Motion without a consistent depth, such as equal content in both cameras, is no vehicle."""
     drive = straight._replace(pairs=[replace(p, right=p.left) for p in straight.pairs])
     assert first_pair_found(drive)[1] == []
 
 
-def test_who_recalls_what_another_remembers_goes_on_as_that_would(traffic):
+def test_detector_that_takes_over_the_memory_continues_identically(traffic):
     """A detector that takes over another's memory at any pair continues identically."""
     one, found = PlaneSweepDetector(traffic.rig, traffic.lanes, DetectorConfig()), 0
     for pair in traffic.pairs[:12]:
@@ -146,7 +146,7 @@ def test_who_recalls_what_another_remembers_goes_on_as_that_would(traffic):
     assert found > 1
 
 
-def test_pairs_that_come_too_fast_are_left_out(straight):
+def test_pairs_in_too_quick_succession_are_left_out(straight):
     _, found = first_pair_found(straight, DetectorConfig(interval_s=0.3))
     pair, _ = first_pair_found(straight, DetectorConfig(interval_s=0.3))
     assert pair is not None and pair.index == 2 and len(found) == 1
@@ -157,7 +157,7 @@ def test_pairs_that_come_too_fast_are_left_out(straight):
     (60.0, 1, ['a', 'b', 'c', *9 * ['']] * 2),  # the same
     (20.0, 1, ['ab', 'c'] * 4), (15.0, 1, ['ab', 'c'] * 4), (12.0, 1, ['ab', 'c'] * 4),
     (5.0, 1, ['abc'] * 5), (5.0, 6, ['a', 'b', 'c'] * 3)])  # of 30 pairs a second, 25 skipped
-def test_at_high_rates_the_lanes_take_turns(straight, fps, step, wanted):
+def test_lanes_take_turns_at_high_rates(straight, fps, step, wanted):
     lane = straight.lanes['lane_0']
     detector = PlaneSweepDetector(straight.rig, dict.fromkeys('abc', lane), DetectorConfig())
     searched: list[str] = []
@@ -185,7 +185,7 @@ def test_reset_forgets(straight):
     assert len(detector.update(straight.pairs[2], ())) == 1
 
 
-def test_brighter_and_darker_pairs_do_not_matter(straight):
+def test_changes_of_brightness_have_no_effect(straight):
     pairs = [replace(p, left=(p.left * g + 6).astype(np.uint8),
                      right=(p.right * g).astype(np.uint8))
              for p, g in zip(straight.pairs, (0.8, 0.72, 0.65, 0.6, 0.5))]
@@ -217,7 +217,7 @@ def test_only_vehicles_are_found_in_traffic(traffic):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('lag_s', [1 / 60, 0.04])
-def test_cameras_exposed_apart_find_and_measure(make_drive, lag_s):
+def test_cameras_exposed_apart_detect_and_measure(make_drive, lag_s):
     """The right image shows the vehicle up to a metre further on."""
     drive = make_drive(straight_config('65 mph', pairs=10, right_delay_s=lag_s), 3)
     pair, (one,) = first_pair_found(drive)
@@ -294,7 +294,7 @@ def errors_by_vehicle(drive, done):
 
 
 @pytest.mark.slow
-def test_boxes_late_missing_and_false_give_each_vehicle_one_track(traffic):
+def test_late_missing_and_false_boxes_give_each_vehicle_one_track(traffic):
     arriving = boxes_by_arrival(traffic, np.random.default_rng(5))
     pipeline = make_pipeline(traffic.rig, traffic.lanes, PipelineConfig(detector='boxes'))
 

@@ -34,7 +34,7 @@ def interval_of(front, late=None, lag_s=0.0):
 
 
 def on_ray(s_m):
-    """Return the offset at which the left camera sees the middle of the front on another plane."""
+    """Return the offset at which the ray to the front's middle meets another plane."""
     return (LANE_M + AT.x_m) * (START_M - s_m) / (START_M - AT.s_m) - LANE_M
 
 
@@ -45,7 +45,7 @@ def interval():
 
 @pytest.mark.parametrize(('ds_m', 'dx_m'), [(0.0, 0.0), (2.0, -0.4), (-2.0, 0.6)])
 @pytest.mark.parametrize('least_symmetry', [None, 0.6])
-def test_a_proposal_becomes_the_front(interval, ds_m, dx_m, least_symmetry):
+def test_proposal_becomes_the_front(interval, ds_m, dx_m, least_symmetry):
     refiner = refiner_of(least_symmetry=least_symmetry)
     front, = refiner.refine([Proposal(AT.s_m + ds_m, AT.x_m + dx_m)], interval, NOISE)
     assert abs(front.s_m - AT.s_m) < depth_bound_m(refiner.sampler.geometry, AT.s_m)
@@ -60,13 +60,13 @@ def test_proposals_of_one_front_become_one(interval):
     assert len(refiner_of().refine(some, interval, NOISE)) == 1
 
 
-def test_where_there_is_nothing_nothing_is_found(interval):
+def test_empty_road_gives_no_front(interval):
     found = refiner_of().refine([Proposal(AT.s_m - 15.0, -1.0)], interval, NOISE)
     assert all(f.cross_ncc < 0.75 or f.symmetry < 0.6 for f in found)
     assert refiner_of().refine([], interval, NOISE) == []
 
 
-def test_a_dark_front_is_told_from_what_it_makes_with_its_shadow():
+def test_dark_front_is_separated_from_its_shadow():
     """Most of the symmetry is about the middle of both together, which is no front."""
     dark = interval_of(replace(AT, light=0.12, shadow_m=1.6))
     some = [Proposal(AT.s_m + d, AT.x_m) for d in (-1.0, 0.5)]
@@ -77,7 +77,7 @@ def test_a_dark_front_is_told_from_what_it_makes_with_its_shadow():
 
 
 @pytest.mark.parametrize('lag_s', [-0.04, 1 / 60, 0.05])
-def test_a_right_view_of_another_time_gives_the_same_front(lag_s):
+def test_right_view_of_a_later_time_gives_the_same_front(lag_s):
     gone_m = lag_s * SPEED_MPS
     late = replace(AT, s_m=AT.s_m + gone_m)
     refiner = refiner_of()
@@ -92,7 +92,7 @@ def test_a_right_view_of_another_time_gives_the_same_front(lag_s):
     assert abs(front.x_m - on_ray(front.s_m)) < 0.06
 
 
-def test_a_front_that_is_not_symmetric_keeps_the_middle_it_is_given():
+def test_asymmetric_front_keeps_the_given_middle():
     lopsided = replace(AT, symmetric=False)
     front, = refiner_of().refine([Proposal(AT.s_m + 2.0, AT.x_m, half_m=0.8)],
                                  interval_of(lopsided), NOISE, symmetric=False)
@@ -101,7 +101,7 @@ def test_a_front_that_is_not_symmetric_keeps_the_middle_it_is_given():
     assert front.cross_ncc > 0.9
 
 
-def test_what_stands_and_what_lies_are_told_apart(interval):
+def test_upright_fronts_are_separated_from_flat_markings(interval):
     refiner = refiner_of()
     front, = refiner.refine([Proposal(AT.s_m, AT.x_m)], interval, NOISE)
     assert 1 - refiner.lying_ncc(front, interval.now) > 2 * (1 - front.cross_ncc)
@@ -111,13 +111,13 @@ def test_what_stands_and_what_lies_are_told_apart(interval):
                for d in np.arange(0.0, 6.0, 0.5)) > 0.9
 
 
-def test_hopeless_proposals_are_given_up():
+def test_hopeless_proposals_are_dropped():
     config = FrontConfig(hopeless_ncc=1.0)
     some = [Proposal(AT.s_m + 3.0, AT.x_m)]
     assert refiner_of(config).refine(some, interval_of(AT), NOISE) == []
 
 
-def test_a_batch_is_taken_apart_by_masks_and_numbers():
+def test_batch_is_indexed_by_masks_and_numbers():
     batch = FrontBatch.of([Proposal(float(k), 0.1 * k, ahead_m=-float(k)) for k in range(4)])
     assert batch.take(np.array([True, False, False, True])).s_m.tolist() == [0.0, 3.0]
     assert [h.ahead_m for h in batch.take(np.array([2, 1])).hypotheses()] == [-2.0, -1.0]

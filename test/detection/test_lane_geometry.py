@@ -34,7 +34,7 @@ def seen_m(geometry):
 
 
 @pytest.mark.parametrize('right', [False, True])
-def test_interpolated_pixels_are_exact_ones(geometry, seen_m, right):
+def test_interpolated_pixels_equal_exact_ones(geometry, seen_m, right):
     x = np.full(len(seen_m), 0.2)
     args = seen_m, x, REACH_M, HEIGHTS_M
     uv = geometry.right_pixels(*args, 0 * x) if right else geometry.left_pixels(*args)
@@ -43,7 +43,7 @@ def test_interpolated_pixels_are_exact_ones(geometry, seen_m, right):
     assert np.abs(uv - exact).max() < 0.05
 
 
-def test_what_lies_on_the_road_is_seen_where_it_lies(geometry, seen_m):
+def test_points_on_the_road_project_to_the_road(geometry, seen_m):
     rig, path = geometry.rig, geometry.lane.path
     s, x = seen_m[1:2], np.array([0.2])
     reach, heights = np.array([-0.3, 0.0, 0.3]), np.array([0.6, 0.4, 0.2])
@@ -55,7 +55,7 @@ def test_what_lies_on_the_road_is_seen_where_it_lies(geometry, seen_m):
 
 
 @pytest.mark.parametrize('ds_m', [-1.0, 1.0])
-def test_rates_tell_what_a_wrong_depth_does(geometry, seen_m, ds_m):
+def test_rates_describe_the_effect_of_a_wrong_depth(geometry, seen_m, ds_m):
     rig, path = geometry.rig, geometry.lane.path
     s = float(seen_m[2])
     rates = geometry.rates(np.array([s]))
@@ -72,7 +72,7 @@ def test_rates_tell_what_a_wrong_depth_does(geometry, seen_m, ds_m):
 
 
 @pytest.mark.parametrize('gone_m', [-0.5, 1.0])
-def test_what_goes_on_slides_in_the_right_view(geometry, seen_m, gone_m):
+def test_forward_motion_slides_in_the_right_view(geometry, seen_m, gone_m):
     rig, s = geometry.rig, float(seen_m[2])
     slide = geometry.rates(np.array([s])).slide[0]
     height = np.array([0.5])
@@ -84,7 +84,7 @@ def test_what_goes_on_slides_in_the_right_view(geometry, seen_m, gone_m):
     assert seen_at == pytest.approx(slide * gone_m, rel=0.15, abs=4e-3)
 
 
-def test_what_has_gone_on_is_where_its_plane_is_then(geometry, seen_m):
+def test_moved_point_equals_the_point_of_the_moved_plane(geometry, seen_m):
     s, x = seen_m[1:2], np.array([0.2])
     place = x, REACH_M, HEIGHTS_M
     ahead = np.array([0.7])
@@ -94,7 +94,7 @@ def test_what_has_gone_on_is_where_its_plane_is_then(geometry, seen_m):
     assert np.abs(lying[0] - lying[1]).max() > 1.0
 
 
-def test_the_road_is_met_where_it_lies(geometry, seen_m):
+def test_road_is_met_at_its_height(geometry, seen_m):
     for s in seen_m[1:4]:
         ground = geometry.points(np.array([s]), np.array([0.3]), np.array([0.0]))[0, 0]
         uv = geometry.rig.left.project(ground)[0]
@@ -102,11 +102,11 @@ def test_the_road_is_met_where_it_lies(geometry, seen_m):
         assert geometry.across(float(s), uv)[0] == pytest.approx(0.3, abs=1e-6)
 
 
-def test_the_sky_is_not_the_road(geometry):
+def test_sky_is_not_the_road(geometry):
     assert np.isnan(geometry.on_road(np.array([500.0, -5000.0])))
 
 
-def test_only_what_is_large_enough_is_seen(geometry):
+def test_only_large_enough_fronts_are_visible(geometry):
     near = geometry.seen(60.0, 1.4, HEIGHTS_M)
     far = geometry.seen(20.0, 1.4, HEIGHTS_M)
     assert len(near) < len(far) and set(near) <= set(far)

@@ -16,7 +16,7 @@ from stereo_speed.road.path import StraightPath
 STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
 
-def test_a_narrow_front_is_found_in_the_second_pair():
+def test_narrow_front_is_found_in_the_second_pair():
     detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
     found = [detector.update(pair_of([Front(20.0 + k * STEP_M, half_m=0.4)], k))
              for k in range(2)]
@@ -29,7 +29,7 @@ def test_a_narrow_front_is_found_in_the_second_pair():
 
 @pytest.mark.parametrize('limits', [
     {'narrow_least_m': 1.0}, {'narrow_low_m': 0.8}, {'narrow_high_m': 0.7}])
-def test_what_a_narrow_front_is_can_be_set(limits):
+def test_narrow_front_limits_are_parameters(limits):
     def seen(front):
         detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(front=front))
         return [(one.s_m, one.width_m, one.left_px.tolist()) for k in range(2)
@@ -38,7 +38,7 @@ def test_what_a_narrow_front_is_can_be_set(limits):
     assert seen(FrontConfig(**limits)) != seen(FrontConfig())
 
 
-def test_what_stands_still_is_no_two_wheeler():
+def test_stationary_object_is_no_two_wheeler():
     detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
     assert not any(detector.update(pair_of([Front(20.0, half_m=0.4)], k)) for k in range(3))
 
@@ -49,7 +49,7 @@ def test_part_of_a_wide_front_is_no_two_wheeler():
     assert not any(detector.update(pair_of([front], k)) for k, front in enumerate(wide))
 
 
-def test_a_narrow_front_need_not_be_symmetric():
+def test_narrow_front_need_not_be_symmetric():
     detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
     found = [detector.update(pair_of([Front(20.0 + k * STEP_M, half_m=0.35, symmetric=False)], k))
              for k in range(2)]
@@ -75,7 +75,7 @@ def held(width_m, s_m, x_m=0.0):
     (14.0, 1.0, 1.8, {'narrow_car_width_m': 1.7}, False),
     (5.0, 1.0, 1.8, {}, False),  # at the side of a car
     (25.0, 1.2, 2.5, {}, True)])
-def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
+def test_object_at_the_side_of_a_long_vehicle_is_part_of_it(
         ahead_m, x_m, width_m, limits, is_found):
     detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(front=FrontConfig(**limits)))
     for k in range(2):
@@ -86,7 +86,7 @@ def test_what_is_at_the_side_of_a_long_vehicle_is_part_of_it(
 
 
 @pytest.mark.parametrize('goes_away', [False, True])
-def test_the_side_of_a_vehicle_lies_beyond_what_faces_the_camera(goes_away):
+def test_side_of_a_vehicle_lies_beyond_the_end_facing_the_camera(goes_away):
     """The rear of a receding vehicle is tracked, so a rider ahead of it is at its side."""
     sense = 1.0 if goes_away else -1.0
     path = StraightPath(np.array([0.0, 2.0, 50.0 - 40 * sense]), np.array([0.0, 0.0, sense]),
@@ -99,7 +99,7 @@ def test_the_side_of_a_vehicle_lies_beyond_what_faces_the_camera(goes_away):
 
 
 @pytest.mark.parametrize(('lane', 'at_side'), [('', True), ('own', True), ('oncoming', False)])
-def test_what_goes_the_other_way_is_no_part_of_a_vehicle(lane, at_side):
+def test_oncoming_object_is_no_part_of_a_vehicle(lane, at_side):
     down, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])
     lanes = {name: LanePath(name, StraightPath(start_m, ahead, 80.0, up), None, np.zeros(2), 0.0)
              for name, start_m, ahead in (
@@ -111,7 +111,7 @@ def test_what_goes_the_other_way_is_no_part_of_a_vehicle(lane, at_side):
         'own', rider, [lorry], 18.0, 0.5) is at_side
 
 
-def test_a_rider_behind_the_front_is_seen_aslant():
+def test_length_of_a_two_wheeler_may_widen_its_image():
     """Seen from the side, objects behind a front appear wider by a part of their depth."""
     def found(length_m):
         detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(

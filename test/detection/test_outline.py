@@ -34,7 +34,7 @@ def came(x_m=0.0, half_m=0.35, gone_m=STEP_M, **how):
 
 @pytest.mark.parametrize('symmetric', [True, False])
 @pytest.mark.parametrize('x_m', [-0.3, 0.4])
-def test_the_outline_of_what_moves_needs_no_symmetry(x_m, symmetric):
+def test_outline_of_a_moving_front_needs_no_symmetry(x_m, symmetric):
     interval = came(x_m, symmetric=symmetric)
     middle_m, half_m = moving_outline(SAMPLER, 0.0, S_M, 1.2, interval, 1.0, MotionConfig())
     # Road that one view sees beside the front and the other does not is 12 cm wide at its top.
@@ -42,7 +42,7 @@ def test_the_outline_of_what_moves_needs_no_symmetry(x_m, symmetric):
     assert half_m == pytest.approx(0.35, abs=0.06 + GRID_M)
 
 
-def test_what_stands_still_has_no_outline():
+def test_stationary_object_has_no_outline():
     still = [Front(S_M, half_m=0.35)]
     assert moving_outline(SAMPLER, 0.0, S_M, 1.2, interval_of(still, still), 1.0,
                           MotionConfig()) is None
@@ -65,14 +65,14 @@ def width_of(interval, x_m=0.0, half_m=0.35):
 
 
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])
-def test_what_goes_with_a_narrow_front_is_as_wide(gone_m):
+def test_width_moving_with_a_narrow_front_is_its_own(gone_m):
     """Neither the road nor the part of it that the front has uncovered counts."""
     assert width_of(came(gone_m=gone_m)) == pytest.approx(0.7, abs=4 * GRID_M)
 
 
 @pytest.mark.parametrize('right', [False, True], ids=['left soft', 'right soft'])
 @pytest.mark.parametrize('blur_px', [0.7, 1.0, 2.0])
-def test_a_narrow_front_is_as_wide_where_one_view_is_out_of_focus(blur_px, right):
+def test_width_of_a_narrow_front_is_kept_with_one_view_out_of_focus(blur_px, right):
     """The blurred view matches the road behind it as well, if the other one is equally blurred."""
     def soft(cars, index):
         pair = pair_of(cars, index)
@@ -85,17 +85,17 @@ def test_a_narrow_front_is_as_wide_where_one_view_is_out_of_focus(blur_px, right
 
 
 @pytest.mark.parametrize('x_m', [-0.5, 0.0, 0.5])
-def test_what_goes_with_part_of_a_wide_front_is_wider_than_a_two_wheeler(x_m):
+def test_part_of_a_wide_front_is_wider_than_a_two_wheeler(x_m):
     assert width_of(came(half_m=0.9, symmetric=False), x_m) > 1.6
 
 
-def test_what_stands_beside_a_narrow_front_does_not_go_with_it():
+def test_stationary_object_beside_a_narrow_front_does_not_count():
     post = Front(S_M + 1.0, 1.0, half_m=0.2)
     both = interval_of([Front(S_M, half_m=0.35), post], [Front(S_M - STEP_M, half_m=0.35), post])
     assert width_of(both) == pytest.approx(0.7, abs=4 * GRID_M)
 
 
-def test_a_shadow_that_goes_along_does_not_count():
+def test_moving_shadow_does_not_count():
     def pair(s_m):  # the shadow lies beside and behind the front, where its window shows it
         return [Front(s_m - 4.0, 1.2, half_m=0.4, lying=True), Front(s_m, half_m=0.35)]
     alone, shaded = width_of(came()), width_of(interval_of(pair(S_M), pair(S_M - STEP_M)))
@@ -116,6 +116,6 @@ def end_of_wide(side, hidden_now):
 
 @pytest.mark.parametrize('side', [-1, 1])
 @pytest.mark.parametrize('hidden_now', [False, True])
-def test_what_is_hidden_beside_the_end_of_a_front_may_be_part_of_it(side, hidden_now):
+def test_hidden_area_beside_a_front_may_be_part_of_it(side, hidden_now):
     """Half a metre of 1.8 m is seen to move along."""
     assert width_of(end_of_wide(side, hidden_now), 0.65 * side, 0.24) > 1.2

@@ -15,19 +15,19 @@ def patches():
     return np.random.default_rng(3).normal(100, 20, (3, 4, 15)).astype(np.float32)
 
 
-def test_correlation_is_numpys(patches):
+def test_correlation_equals_numpy(patches):
     other = patches + np.random.default_rng(4).normal(0, 10, patches.shape).astype(np.float32)
     a, b = (v - v.mean(axis=(1, 2), keepdims=True) for v in (patches, other))
     wanted = [np.corrcoef(p.ravel(), q.ravel())[0, 1] for p, q in zip(patches, other)]
     assert correlate(a, b) == pytest.approx(wanted, abs=1e-5)
 
 
-def test_what_has_no_contrast_does_not_correlate():
+def test_patches_without_contrast_do_not_correlate():
     faint = 0.1 * np.random.default_rng(5).standard_normal((1, 4, 9)).astype(np.float32)
     assert correlate(faint, faint)[0] < 0.05
 
 
-def test_sliding_is_correlating_each_window(patches):
+def test_sliding_equals_correlating_each_window(patches):
     patch = patches[0, :, 3:10]
     scores = slide(patch, patches)
     assert scores.shape == (3, 9)
@@ -38,7 +38,7 @@ def test_sliding_is_correlating_each_window(patches):
     assert scores[0, 3] == pytest.approx(1.0, abs=1e-5)
 
 
-def test_mirrored_is_the_product_with_the_flipped_window(patches):
+def test_mirrored_equals_the_product_with_the_flipped_window(patches):
     found, most = mirrored(patches, 7)
     for n in range(3):
         for k in range(9):
@@ -47,7 +47,7 @@ def test_mirrored_is_the_product_with_the_flipped_window(patches):
             assert most[n, k] == pytest.approx((window ** 2).sum(), rel=1e-3)
 
 
-def test_a_symmetric_window_reaches_the_most():
+def test_symmetric_window_reaches_the_maximum():
     half = np.random.default_rng(6).normal(0, 10, (1, 3, 4)).astype(np.float32)
     found, most = mirrored(np.concatenate([half, half[..., ::-1][..., 1:]], axis=2), 7)
     assert found[0, 0] == pytest.approx(most[0, 0], rel=1e-5)

@@ -37,13 +37,13 @@ def now():
     return pyramids_of(pair_of([AT], 1))
 
 
-def test_planes_are_even_in_what_the_right_view_sees(sweep, geometry):
+def test_planes_are_evenly_spaced_in_the_right_view(sweep, geometry):
     shift = np.cumsum(np.abs(geometry.rates(sweep.s_m).shift) * np.gradient(sweep.s_m))
     steps = np.diff(shift)
     assert len(steps) > 10 and np.ptp(steps) < 0.1 * steps.mean()
 
 
-def test_a_front_that_came_is_proposed_first(sweep, now, before):
+def test_moving_front_is_proposed_first(sweep, now, before):
     first = sweep.proposals(now, before, NOISE)[0]
     plane_m = np.abs(np.diff(sweep.s_m)).max()
     assert abs(first.s_m - AT.s_m) <= plane_m
@@ -51,12 +51,12 @@ def test_a_front_that_came_is_proposed_first(sweep, now, before):
     assert first.ahead_m == 0.0 and first.votes > 2.0
 
 
-def test_what_stands_still_is_not_proposed(sweep, now):
+def test_stationary_object_is_not_proposed(sweep, now):
     again = pyramids_of(pair_of([AT], 2))
     assert sweep.proposals(again, now, NOISE) == []
 
 
-def test_what_lies_on_the_road_gets_fewer_votes(sweep, now, before):
+def test_flat_marking_gets_fewer_votes(sweep, now, before):
     lying = [pyramids_of(pair_of([replace(f, lying=True)], k))
              for k, f in enumerate((BEFORE, AT))]
     votes = [p.votes for p in sweep.proposals(lying[1], lying[0], NOISE)]
@@ -64,7 +64,7 @@ def test_what_lies_on_the_road_gets_fewer_votes(sweep, now, before):
 
 
 @pytest.mark.parametrize('lag_s', [-0.04, 1 / 60, 0.05])
-def test_a_right_view_of_another_time_is_searched_over_speeds(sweep, geometry, before, lag_s):
+def test_right_view_of_a_later_time_is_searched_over_speeds(sweep, geometry, before, lag_s):
     gone_m = lag_s * SPEED_MPS
     now = pyramids_of(pair_of([AT], 1, [replace(AT, s_m=AT.s_m + gone_m)], round(lag_s * 1e9)))
     proposals = sweep.proposals(now, before, NOISE)
@@ -86,7 +86,7 @@ def test_each_limit_can_forbid_every_proposal(geometry, now, before, limits):
     assert sweep.proposals(now, before, 5 * NOISE) == []
 
 
-def test_no_more_proposals_than_asked_for(geometry, sweep, now, before):
+def test_number_of_proposals_is_limited(geometry, sweep, now, before):
     two = pyramids_of(pair_of([AT, Front(15.0)], 1))
     assert len(sweep.proposals(two, before, NOISE)) >= 2
     one = PlaneSweep(geometry, DetectorConfig(sweep=SweepConfig(most_proposals=1)))

@@ -30,7 +30,7 @@ def found_in(fronts, change=lambda pair: pair, config=DetectorConfig()):
 
 @pytest.mark.parametrize('side', ['left', 'right'])
 @pytest.mark.parametrize('blur_px', [0.8, 1.5])
-def test_a_front_is_found_though_one_view_is_out_of_focus(side, blur_px):
+def test_front_is_found_with_one_view_out_of_focus(side, blur_px):
     rng = np.random.default_rng(5)
     found = found_in([[Front(20.0 + k * STEP_M)] for k in range(2)],
                      lambda pair: out_of_focus(pair, side, blur_px, rng))
@@ -39,14 +39,14 @@ def test_a_front_is_found_though_one_view_is_out_of_focus(side, blur_px):
 
 
 @pytest.mark.parametrize('side', ['left', 'right'])
-def test_what_lies_on_the_road_is_no_front_out_of_focus_either(side):
+def test_flat_marking_is_no_front_out_of_focus_either(side):
     rng = np.random.default_rng(6)
     found = found_in([[Front(20.0 + k * STEP_M, lying=True)] for k in range(3)],
                      lambda pair: out_of_focus(pair, side, 2.0, rng))
     assert not any(found)
 
 
-def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
+def test_front_visible_only_high_up_is_found():
     """At night only the lamps of a van are visible, above the usual height of cars' fronts."""
     fronts = [[Front(20.0 + k * STEP_M, low_m=0.85)] for k in range(2)]
     assert len(found_in(fronts)[1]) == 1
@@ -55,7 +55,7 @@ def test_a_front_that_shows_nothing_but_what_is_high_up_is_found():
 
 
 @pytest.mark.slow
-def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
+def test_front_partly_visible_low_down_is_located_higher_up():
     """A lorry's bumper at night is dark except for its middle; near a tie in most positions."""
     def lorry(s_m):
         return [Front(s_m, half_m=0.7), Front(s_m, half_m=1.2, low_m=0.65)]
@@ -66,7 +66,7 @@ def test_a_front_of_which_only_part_shows_low_down_is_taken_higher_up():
     assert min(one.width_m for one in high) > 2.0  # its outermost strong edges
 
 
-def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
+def test_object_beside_a_front_does_not_move_its_place_up():
     """A wall that it passes is visible beside the front, but does not move with it."""
     def before_wall(k):
         return [Front(20.0 + STEP_M, half_m=1.2, low_m=0.65), Front(20.0 + k * STEP_M, half_m=0.7)]
@@ -75,7 +75,7 @@ def test_a_front_is_not_taken_higher_up_for_what_stands_beside_it():
 
 
 @pytest.mark.parametrize('half_m', [0.9, 1.2])
-def test_a_front_that_shows_its_width_low_down_is_taken_there(half_m):
+def test_front_whose_width_shows_low_down_is_located_there(half_m):
     (one,) = found_in([[Front(20.0 + k * STEP_M, half_m=half_m)] for k in range(2)])[1]
     assert (one.width_m, one.height_m) == (pytest.approx(2 * half_m, abs=0.2),
                                            pytest.approx(0.51))

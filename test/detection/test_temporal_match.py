@@ -42,7 +42,7 @@ def bound_m(sampler, px=0.5):
 
 
 @pytest.mark.parametrize('aside_m', [0.0, 0.3, -0.45])
-def test_a_front_is_found_where_it_was(sampler, now, aside_m):
+def test_earlier_place_of_a_front_is_found(sampler, now, aside_m):
     motion = find_motion(sampler, SEEN, Interval(now, before(x_m=aside_m)), CONFIG)
     assert motion.gone_m == pytest.approx(STEP_M, abs=bound_m(sampler))
     assert motion.aside_m == pytest.approx(aside_m, abs=0.03)
@@ -54,20 +54,20 @@ def test_a_front_is_found_where_it_was(sampler, now, aside_m):
     assert moved(motion, CONFIG)
 
 
-def test_what_it_looked_like_a_moment_ago_is_found_faster(sampler, now):
+def test_search_near_an_expected_motion_is_sufficient(sampler, now):
     interval = Interval(now, before())
     travel = find_travel(sampler, SEEN, interval, CONFIG, expected_m=0.9 * STEP_M)
     assert travel.gone_m == pytest.approx(STEP_M, abs=bound_m(sampler))
 
 
-def test_a_front_is_followed_forward_as_well(sampler, now):
+def test_front_is_followed_forward_as_well(sampler, now):
     earlier = before()
     there = replace(SEEN, s_m=AT.s_m - STEP_M)
     travel = find_travel(sampler, there, Interval(earlier, now), CONFIG, expected_m=-STEP_M)
     assert travel.gone_m == pytest.approx(-STEP_M, abs=bound_m(sampler))
 
 
-def test_what_stands_still_has_not_moved(sampler, now):
+def test_stationary_object_has_not_moved(sampler, now):
     motion = find_motion(sampler, SEEN, Interval(now, before(s_m=AT.s_m)), CONFIG)
     assert motion.gone_m < bound_m(sampler, 1.0) and not moved(motion, CONFIG)
 
@@ -76,26 +76,26 @@ def test_what_stands_still_has_not_moved(sampler, now):
     MotionConfig(least_ncc=0.85), MotionConfig(least_px=13.0), MotionConfig(still_margin=0.15),
     MotionConfig(least_speed_mps=19.9, greatest_speed_mps=21.0),
     MotionConfig(least_speed_mps=19.0, greatest_speed_mps=19.5)], ids=range(5))
-def test_each_limit_can_deny_a_motion(config):
+def test_each_limit_can_refuse_a_motion(config):
     motion = Motion(speed_mps=19.8, gone_m=4.0, aside_m=0.0, ncc=0.8, still_ncc=0.7, moved_px=12.0)
     assert moved(motion, CONFIG)
     assert not moved(motion, config)
 
 
-def test_only_as_far_aside_as_a_vehicle_drives(sampler, now):
+def test_search_is_limited_to_plausible_lateral_motion(sampler, now):
     narrow = MotionConfig(aside_mps=0.0, aside_m=0.0)
     travel = find_travel(sampler, SEEN, Interval(now, before(x_m=0.6)), narrow)
     assert abs(travel.aside_m) <= 0.12 + 1e-9  # the fine search goes on by four samples
 
 
-def test_a_whole_front_moves_as_one(sampler, now):
+def test_whole_front_moves_as_one(sampler, now):
     interval = Interval(now, before())
     motion = find_motion(sampler, SEEN, interval, CONFIG)
     assert moving_half(sampler, SEEN, motion, interval, NOISE, CONFIG) \
         == pytest.approx(HALF_M, abs=0.07)
 
 
-def test_what_is_beside_a_front_does_not_move_with_it(sampler, now):
+def test_surroundings_of_a_front_do_not_move_with_it(sampler, now):
     wide = replace(SEEN, half_m=1.2)
     interval = Interval(now, before())
     motion = find_motion(sampler, wide, interval, CONFIG)
@@ -103,7 +103,7 @@ def test_what_is_beside_a_front_does_not_move_with_it(sampler, now):
         == pytest.approx(HALF_M, abs=0.1)
 
 
-def test_a_front_occluded_in_its_middle_is_refused(sampler, now):
+def test_front_occluded_in_its_middle_is_refused(sampler, now):
     interval = Interval(now, before(pole_m=0.25))
     motion = find_motion(sampler, SEEN, interval, CONFIG)
     assert moving_half(sampler, SEEN, motion, interval, NOISE, CONFIG) == 0.0
@@ -111,7 +111,7 @@ def test_a_front_occluded_in_its_middle_is_refused(sampler, now):
     assert moving_half(sampler, SEEN, motion, interval, NOISE, lenient) > 0.0
 
 
-def test_right_views_of_another_time_are_taken_at_theirs(sampler):
+def test_right_views_are_used_at_their_own_time(sampler):
     lag_s = 0.04
     late_m = lag_s * SPEED_MPS
     now, earlier = (pyramids_of(pair_of([f], k, [replace(f, s_m=f.s_m + late_m)], 40_000_000))

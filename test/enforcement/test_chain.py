@@ -15,7 +15,7 @@ PUBLIC = public_hex(KEY.public_key())
 
 
 @pytest.mark.parametrize('key', [None, KEY], ids=['unsigned', 'signed'])
-def test_no_byte_of_a_line_can_change_unseen(key):
+def test_every_changed_byte_of_a_line_is_detected(key):
     seal = entry_after([], RECORD, 'run-000001', '0f' * 32, key)
     line = seal.line
     assert seal_of(line) == seal
@@ -29,7 +29,7 @@ def test_no_byte_of_a_line_can_change_unseen(key):
             assert key is None or changed.fault([PUBLIC])
 
 
-def test_signature_is_of_the_key_that_one_trusts():
+def test_signature_must_be_of_a_trusted_key():
     seal = entry_after([], RECORD, 'a', '00' * 32, KEY)
     assert seal.fault([]) == seal.fault([PUBLIC]) == ''
     assert 'another key' in seal.fault(['00' * 32])
@@ -38,7 +38,7 @@ def test_signature_is_of_the_key_that_one_trusts():
     KEY.public_key().verify(bytes.fromhex(seal.signature), seal._signed_text())
 
 
-def test_entries_are_tied_to_the_one_before():
+def test_entries_are_chained_to_the_previous_one():
     first = entry_after([], RECORD, 'a', '00' * 32, None)
     second = entry_after([first], RECORD, 'b', '11' * 32, None)
     assert (first.number, first.previous) == (1, '0' * 64)

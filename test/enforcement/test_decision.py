@@ -45,20 +45,20 @@ def second(kmh, std_kmh=0.2):
     (179.9, 179, 174, None),
     (180.5, 180, 175, NoRecord.OUTSIDE_INTERVAL),
 ])
-def test_three_figures_by_hand(kmh, measured, considered, refused):
+def test_three_speeds_by_hand(kmh, measured, considered, refused):
     figures, why = decide(passed(kmh), 80 * KMH_MPS, ALONE)
     assert (figures.measured, figures.considered, why) == (measured, considered, refused)
     assert figures.limit == 80
 
 
-def test_figures_in_mph_are_whole_where_the_speed_is():
+def test_mph_speeds_are_integers_where_the_speed_is():
     config = replace(ALONE, unit='mph', tolerance_kmh=0.0, tolerance_percent=0.0)
     result = replace(passed(1), speed_mps=60 * MPH_MPS)
     figures, why = decide(result, 55 * MPH_MPS, config)
     assert (figures.measured, figures.considered, figures.limit, why) == (60, 60, 55, None)
 
 
-def test_considered_speed_is_never_above_any_estimate_less_its_tolerance():
+def test_considered_speed_never_exceeds_any_estimate_less_its_tolerance():
     rng = np.random.default_rng(3)
     for first, other in rng.uniform(20, 180, (300, 2)):
         figures, _ = decide(passed(first, second=second(other)), 50 * KMH_MPS, ALONE)
@@ -81,12 +81,12 @@ def test_considered_speed_is_never_above_any_estimate_less_its_tolerance():
     (passed(88), 80, {'threshold_kmh': 6.0}, NoRecord.BELOW_LIMIT),
     (passed(19), 10, {}, NoRecord.OUTSIDE_INTERVAL),
 ], ids=str)
-def test_why_there_is_no_record(result, limit_kmh, changes, refused):
+def test_reasons_for_no_record(result, limit_kmh, changes, refused):
     limit = None if limit_kmh is None else limit_kmh * KMH_MPS
     assert decide(result, limit, replace(ALONE, **changes))[1] is refused
 
 
-def test_second_estimate_is_demanded_unless_told_otherwise():
+def test_second_estimate_is_required_unless_configured_otherwise():
     assert decide(passed(90), 80 * KMH_MPS, DecisionConfig())[1] is NoRecord.NO_SECOND_ESTIMATE
     assert decide(passed(90, second=second(90)), 80 * KMH_MPS, DecisionConfig())[1] is None
 
@@ -97,7 +97,7 @@ def test_interval_must_not_be_empty():
 
 
 def trace(*others, gap_ns=100_000_000, state=TrackState.CONFIRMED):
-    """Return the trace of four pairs; in the third there are other vehicles."""
+    """Return the trace of four pairs; the third contains other vehicles."""
     update = TrackUpdate(0, 0, 'near', state, 20.0, 0.1, 5.0, 0.0, np.zeros(3), np.eye(3),
                          np.eye(3), BOX, BOX + [-30, 0])
     pairs = tuple(TracePair(k * gap_ns, k * gap_ns, None, None, replace(update, stamp_ns=k),
@@ -114,14 +114,14 @@ def doubt(one, config=DecisionConfig(), left_out=()):
 @pytest.mark.parametrize(('shift_px', 'refused'), [
     ([0, 0], NoRecord.AMBIGUOUS), ([120, 0], NoRecord.AMBIGUOUS), ([126, 0], None),
     ([0, 60], NoRecord.AMBIGUOUS), ([0, -63], None), ([-300, 200], None)], ids=str)
-def test_another_front_must_not_come_near(shift_px, refused):
+def test_nearby_other_front_makes_the_vehicle_doubtful(shift_px, refused):
     other = OtherFront(1, BOX + shift_px, BOX + [2000, 0])
     assert doubt(trace(other)) is refused
     other = OtherFront(1, BOX + [2000, 0], BOX + [-30, 0] + shift_px)
     assert doubt(trace(other)) is refused
 
 
-def test_evidence_lasts_a_while():
+def test_evidence_must_last_a_minimum_time():
     assert doubt(trace(gap_ns=10_000_000)) is NoRecord.TOO_SHORT
     assert doubt(trace(state=TrackState.COASTING)) is NoRecord.TOO_SHORT
     assert doubt(trace(state=TrackState.TENTATIVE)) is NoRecord.TOO_SHORT
@@ -144,7 +144,7 @@ FAST_MOTORCYCLES = LaneSpec('far', 'b', 'c', None, 90 * KMH_MPS,
     (('far',), VehicleClass.UNKNOWN, 0.6, 120),  # it may be a motorcycle
     (('near', 'far'), VehicleClass.HEAVY_VEHICLE, 0.99, 90),  # it changed lanes
     (('near', 'nowhere'), VehicleClass.CAR, 0.99, None)], ids=str)
-def test_limit_of_a_class(lanes, kind, probability, kmh):
+def test_limit_depends_on_the_class(lanes, kind, probability, kmh):
     vehicle = None if kind is None else VehicleKind(kind, probability, 1.8, 0.05)
     found = limit_mps((HEAVY_80, FAST_MOTORCYCLES), lanes, vehicle, DecisionConfig())
     assert found == (None if kmh is None else pytest.approx(kmh * KMH_MPS))
@@ -162,7 +162,7 @@ NEW_YEAR_NS = 1_767_225_600 * 10 ** 9  # that day, 0:00 UTC
     (CALIBRATED, -1, {}, NoRecord.CALIBRATION_EXPIRED),  # after the pass
     (None, 0, {}, None),
     (None, 0, {'demand_calibration_date': True}, NoRecord.CALIBRATION_EXPIRED)], ids=str)
-def test_a_calibration_expires(calibrated, days, changes, refused):
+def test_calibration_expires(calibrated, days, changes, refused):
     config = replace(DecisionConfig(), **changes)
     assert calibration_refusal(calibrated, NEW_YEAR_NS + days * DAY_NS, config) is refused
 
@@ -187,12 +187,12 @@ def outcomes(config):
     ('least_class_probability', 0.8),
     ('calibration_months', 13.0), ('demand_calibration_date', True), ('clear_share', 0.1),
     ('evidence_span_s', 0.1)])
-def test_each_parameter_of_the_decision_changes_what_comes_of_some_pass(name, value):
+def test_every_decision_parameter_changes_some_outcome(name, value):
     assert outcomes(replace(DecisionConfig(), **{name: value})) != outcomes(DecisionConfig())
 
 
-def test_all_parameters_of_the_decision_are_swept():
+def test_all_decision_parameters_are_tested():
     swept = {name for mark in
-             test_each_parameter_of_the_decision_changes_what_comes_of_some_pass.pytestmark
+             test_every_decision_parameter_changes_some_outcome.pytestmark
              for name, _ in mark.args[1]}
     assert swept == {field.name for field in fields(DecisionConfig)}

@@ -39,7 +39,7 @@ def record_of(folder):
     return json.loads((folder / NAME / 'record.json').read_text())
 
 
-def test_record_says_what_was_measured_where_when_and_by_what(written, sample):
+def test_record_states_result_place_time_and_instrument(written, sample):
     record = record_of(written)
     jsonschema.validate(record, json.loads(
         (written / NAME / 'record.schema.json').read_text()))
@@ -63,7 +63,7 @@ def test_record_says_what_was_measured_where_when_and_by_what(written, sample):
     (None, 'none required'),
     ({'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': -0.31},
      'passed 2026-11-22T10:00:00Z, -0.31 % off')])
-def test_record_says_when_the_self_test_was_passed_and_how_far_off(sample, passed, shown):
+def test_record_states_time_and_deviation_of_the_last_self_test(sample, passed, shown):
     told = replace(sample.setting.instrument, self_test=passed).text()  # as on its topic
     setting = replace(sample.setting, instrument=Instrument.of_text(told, 'instrument'))
     trace = sample.result.trace
@@ -83,13 +83,13 @@ def test_record_says_when_the_self_test_was_passed_and_how_far_off(sample, passe
         {'passed_utc': 'now', 'off_percent': '0.2'}, {'passed_utc': 'now', 'off_percent': np.nan},
         {'passed_utc': 'now', 'off_percent': None, 'more': 1})
 ] + [{'run': 3}, {'versions': 'new'}, {'calibration': None}, {'site_yaml': ['a']}])
-def test_an_instrument_with_a_field_of_another_type_is_refused(sample, change):
+def test_instrument_with_a_field_of_another_type_is_refused(sample, change):
     told = {**json.loads(sample.setting.instrument.text()), **change}
     with pytest.raises(InputError, match='wanted the state of an instrument as JSON'):
         Instrument.of_text(json.dumps(told), 'instrument')
 
 
-def test_originals_are_as_they_came_and_marked_ones_beside_them(written, sample):
+def test_originals_are_unchanged_with_marked_copies_beside_them(written, sample):
     folder, record = written / NAME, record_of(written)
     for picture in record['pictures']:
         for side in ('left', 'right'):
@@ -106,14 +106,14 @@ def test_originals_are_as_they_came_and_marked_ones_beside_them(written, sample)
 
 
 @pytest.mark.slow
-def test_speed_is_measured_again_from_the_folder_alone(written):
+def test_speed_is_recomputed_from_the_folder_alone(written):
     again = recompute(written / NAME)
     assert again.agrees and again.speed_mps == pytest.approx(again.stored_mps, abs=1e-9)
     assert record_of(written)['raw']['kind'] == 'crops'
 
 
 @pytest.mark.slow
-def test_speed_of_other_images_is_another_one(evidence):
+def test_recomputation_from_other_images_gives_another_speed(evidence):
     """With one pair's images replaced by another's the recomputation differs."""
     raw = evidence / NAME / 'raw'
     for side in ('left', 'right'):
@@ -154,7 +154,7 @@ def frozen(sample):
     pytest.param(lambda s: (s, replace(s.result, speed_mps=23.0, second=replace(
         s.result.second, speed_mps=23.0))), 'not_reproducible', marks=pytest.mark.slow),
 ], ids=['frozen', 'no trace', 'no images', 'no limit', 'rejected', 'wrong speed'])
-def test_reasons_are_counted_and_nothing_is_left(sample, tmp_path, change, counted):
+def test_reasons_are_counted_and_no_files_remain(sample, tmp_path, change, counted):
     changed, result = change(sample)
     recorder = changed.recorder(tmp_path)
     assert recorder.offer(NAME, result) is None
@@ -163,7 +163,7 @@ def test_reasons_are_counted_and_nothing_is_left(sample, tmp_path, change, count
     assert verify(tmp_path).records == 0 and not list(tmp_path.glob('*run*'))
 
 
-def test_the_same_pass_told_twice_is_one_record(sample, written, evidence):
+def test_pass_received_twice_is_one_record(sample, written, evidence):
     recorder = sample.recorder(evidence)
     stored = recorder.offer(NAME, sample.result)
     assert not stored.anew and recorder.summary()['records'] == 0
@@ -173,7 +173,7 @@ def test_the_same_pass_told_twice_is_one_record(sample, written, evidence):
 
 
 @pytest.mark.slow
-def test_what_was_not_approved_is_marked_or_refused(sample, tmp_path):
+def test_unapproved_measurement_is_marked_or_refused(sample, tmp_path):
     path = tmp_path / 'approved.yaml'
     path.write_text('stereo_speed_approved: 1\nsoftware: [' + 'f' * 64 + ']\nsite: ['
                     + sample.setting.instrument.fingerprints['site'] + ']\n')
@@ -229,13 +229,13 @@ def recorded(sample):
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'value'), [
     ('pictures', 2), ('crop_margin', 0.5), ('instrument_name', 'S-17'), ('place', 'A 1, km 3')])
-def test_what_is_kept_follows_the_parameters(recorded, name, value):
+def test_recorded_content_follows_the_parameters(recorded, name, value):
     config = EnforcementConfig()
     changed = replace(config, evidence=replace(config.evidence, **{name: value}))
     assert recorded(config) != recorded(changed)
 
 
-def test_every_parameter_of_the_evidence_is_tested():
+def test_every_evidence_parameter_is_tested():
     tested = {'pictures', 'crop_margin', 'instrument_name', 'place',  # above
               'most_recompute_mps', 'ring_s', 'ring_mib', 'least_free_mib', 'retention_days',
               'unapproved'}
@@ -248,7 +248,7 @@ def test_every_parameter_of_the_evidence_is_tested():
     assert [len(ring) for ring in rings] == [20, 2, 16]
 
 
-def test_an_old_calibration_makes_no_record(sample, tmp_path):
+def test_expired_calibration_makes_no_record(sample, tmp_path):
     site = replace(sample.setting.place.site, calibrated=date(2001, 1, 1))
     setting = replace(sample.setting, place=replace(sample.setting.place, site=site))
     recorder = sample._replace(setting=setting).recorder(tmp_path)
@@ -258,7 +258,7 @@ def test_an_old_calibration_makes_no_record(sample, tmp_path):
 
 
 @pytest.mark.slow
-def test_disclosed_copy_shows_the_vehicle_alone(written, tmp_path):
+def test_disclosed_copy_shows_only_the_vehicle(written, tmp_path):
     folder = disclose(written / NAME, tmp_path)
     told, record = json.loads((folder / 'disclosure.json').read_text()), record_of(written)
     assert told['speed'] == record['speed'] and not (folder / 'raw').exists()
@@ -281,7 +281,7 @@ def test_disclosed_copy_shows_the_vehicle_alone(written, tmp_path):
     assert (hidden / '1_left.jpg').read_bytes() != (folder / '1_left.jpg').read_bytes()
 
 
-def test_page_says_what_lies_beside_it(written, tmp_path):
+def test_page_describes_the_files_beside_it(written, tmp_path):
     folder = disclose(written / NAME, tmp_path)
     whole, copy = ((at / 'page.html').read_text() for at in (written / NAME, folder))
     assert 'unmarked originals' in whole and 'blurred' not in whole
@@ -289,14 +289,14 @@ def test_page_says_what_lies_beside_it(written, tmp_path):
 
 
 @pytest.mark.parametrize('data', [b'', b'no image', None], ids=['empty', 'other', 'missing'])
-def test_an_image_that_cannot_be_read_is_named(evidence, data):
+def test_unreadable_image_is_named(evidence, data):
     path = evidence / NAME / 'raw' / '0005_left.png'
     path.unlink() if data is None else path.write_bytes(data)
     with pytest.raises(InputError, match='0005_left.png: image: .* wanted a whole JPEG or PNG'):
         recompute(evidence / NAME)
 
 
-def test_a_stamp_ahead_of_the_clock_deletes_nothing(evidence, sample, monkeypatch):
+def test_stamp_ahead_of_the_clock_deletes_nothing(evidence, sample, monkeypatch):
     week = EnforcementConfig(evidence=EvidenceConfig(retention_days=7))
     recorder, day_ns = sample.recorder(evidence, week), 86_400 * 10 ** 9
     monkeypatch.setattr('time.time_ns', lambda: sample.result.last_ns + 6 * day_ns)
@@ -308,7 +308,7 @@ def test_a_stamp_ahead_of_the_clock_deletes_nothing(evidence, sample, monkeypatc
 
 
 @pytest.mark.slow
-def test_plot_is_in_the_unit_that_counts(sample):
+def test_plot_is_in_the_unit_of_the_limit(sample):
     trace, lanes = sample.result.trace, sample.setting.place.lanes
     updates = [pair.update for pair in trace.pairs if pair.update is not None]
     plots = [speed_plot(updates, sample.result, lanes, SpeedUnit(name)) for name in
@@ -316,14 +316,14 @@ def test_plot_is_in_the_unit_that_counts(sample):
     assert plots[0] != plots[1]
 
 
-def test_a_changed_record_is_not_disclosed(evidence, tmp_path):
+def test_changed_record_is_not_disclosed(evidence, tmp_path):
     (evidence / NAME / 'site.yaml').write_text('other')
     with pytest.raises(InputError, match='site.yaml was changed, wanted one record as it was'):
         disclose(evidence / NAME, tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
 
 
-def test_ring_is_bounded_in_bytes_and_time():
+def test_ring_is_limited_in_bytes_and_time():
     ring = ImageRing(1000, 50)
     for ns in range(0, 200, 10):
         ring.add('left', ns, SourceImage('jpeg', bytes(100)))

@@ -25,7 +25,7 @@ def folder(tmp_path, small):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('kill', 'damage'), [(True, 'writer killed'), (False, 'disk full')])
-def test_each_stop_hits_and_none_leaves_half_a_record_or_loses_one(folder, kill, damage):
+def test_each_stop_takes_effect_and_records_stay_whole(folder, kill, damage):
     found = stopped_writers(folder, 25, np.random.default_rng(1), kill=kill)
     assert found == Outcome(damage, 25, 0)
 
@@ -46,7 +46,7 @@ def is_ended():
 @pytest.mark.parametrize(('act', 'patience_s', 'status'), [
     (crashes, 60.0, 1), (hangs, 0.3, None), (is_ended, 60.0, -signal.SIGTERM)])
 @pytest.mark.parametrize('kill', [True, False])
-def test_a_writer_that_ends_of_another_cause_is_no_stop(
+def test_writer_that_ends_for_another_cause_is_no_stop(
         folder, monkeypatch, act, patience_s, status, kill):
     tester, real = os.getpid(), EvidenceStore.add
 

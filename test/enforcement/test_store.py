@@ -23,10 +23,10 @@ STEPS = 24  # steps of writing a small record, at each of which the disk may fil
 
 class Steps:
     """
-    Counts the steps at which bytes or names go to the disk, and does something at one of them.
+    Counts the steps at which bytes or names go to the disk, and acts at one of them.
 
     :param at: number of the step.
-    :param act: what is done then.
+    :param act: called at the step.
     """
 
     def __init__(self, monkeypatch, at, act):
@@ -55,7 +55,7 @@ def names(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('at', range(1, STEPS))
-def test_a_disk_that_fills_at_any_step_leaves_no_half_record(tmp_path, small, monkeypatch, at):
+def test_disk_full_at_any_step_leaves_no_partial_record(tmp_path, small, monkeypatch, at):
     folder = tmp_path / 'evidence'
     with EvidenceStore(folder) as store:
         store.add('r1', *small('r1', 1))
@@ -87,8 +87,7 @@ def write_until_killed(folder, records, at):
 
 
 @pytest.mark.parametrize('at', [1, 2, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 21, 30])
-def test_a_writer_that_is_killed_at_any_step_loses_nothing_that_was_finished(
-        tmp_path, small, at):
+def test_writer_killed_at_any_step_loses_no_finished_record(tmp_path, small, at):
     folder = tmp_path / 'evidence'
     records = {f'r{k}': small(f'r{k}', k) for k in (1, 2, 3)}
     with EvidenceStore(folder):
@@ -110,14 +109,14 @@ def test_a_writer_that_is_killed_at_any_step_loses_nothing_that_was_finished(
     assert names(folder) == sorted([*(f'r{k}' for k in range(1, number)), 'after'])
 
 
-def test_only_one_writer(tmp_path):
+def test_only_one_writer_is_allowed(tmp_path):
     with EvidenceStore(tmp_path):
         with pytest.raises(InputError, match='another program that writes to it, wanted one'):
             EvidenceStore(tmp_path)
     EvidenceStore(tmp_path).close()
 
 
-def test_no_record_without_space(tmp_path, small, monkeypatch):
+def test_no_record_is_written_without_space(tmp_path, small, monkeypatch):
     monkeypatch.setattr(module.shutil, 'disk_usage',
                         lambda path: os.terminal_size((1, 1)) and type('D', (), {'free': 99}))
     with EvidenceStore(tmp_path, least_free_mib=1) as store:
@@ -126,7 +125,7 @@ def test_no_record_without_space(tmp_path, small, monkeypatch):
         assert store.chain == []
 
 
-def test_a_record_that_is_not_accepted_leaves_nothing(tmp_path, small):
+def test_rejected_record_leaves_nothing(tmp_path, small):
     with EvidenceStore(tmp_path) as store:
         assert store.add('r1', *small('r1', 1), accept=lambda folder: False) is None
         assert names(tmp_path) == [] and store.chain == []
@@ -135,7 +134,7 @@ def test_a_record_that_is_not_accepted_leaves_nothing(tmp_path, small):
             store.add('r1', *small('r1', 2))
 
 
-def test_nothing_is_added_to_a_chain_that_is_not_sound(tmp_path, small):
+def test_damaged_chain_is_not_extended(tmp_path, small):
     with EvidenceStore(tmp_path) as store:
         for k in (1, 2):
             store.add(f'r{k}', *small(f'r{k}', k))
@@ -150,14 +149,14 @@ def test_nothing_is_added_to_a_chain_that_is_not_sound(tmp_path, small):
     EvidenceStore(tmp_path).close()
 
 
-def test_a_signed_chain_is_not_continued_without_a_key(tmp_path, small):
+def test_signed_chain_is_not_extended_without_a_key(tmp_path, small):
     with EvidenceStore(tmp_path, key=Ed25519PrivateKey.generate()) as store:
         store.add('r1', *small('r1', 1))
     with pytest.raises(InputError, match='signed but no key was given'):
         EvidenceStore(tmp_path)
 
 
-def test_records_are_deleted_when_their_time_is_up(tmp_path, small):
+def test_expired_records_are_deleted(tmp_path, small):
     with EvidenceStore(tmp_path) as store:
         for k, day in enumerate((9, 0, 5), 1):
             store.add(f'r{k}', *small(f'r{k}', k, last_ns=day * DAY_NS))
@@ -175,7 +174,7 @@ def test_records_are_deleted_when_their_time_is_up(tmp_path, small):
     assert verify(tmp_path).faults == ['r1 is missing']
 
 
-def test_a_record_that_cannot_be_read_keeps_no_other_from_being_deleted(tmp_path, small):
+def test_unreadable_record_does_not_block_the_deletion_of_others(tmp_path, small):
     with EvidenceStore(tmp_path) as store:
         for k in (1, 2):
             store.add(f'r{k}', *small(f'r{k}', k, last_ns=0))
@@ -186,7 +185,7 @@ def test_a_record_that_cannot_be_read_keeps_no_other_from_being_deleted(tmp_path
         assert names(tmp_path) == ['r1']
 
 
-def test_a_deletion_that_was_stopped_is_finished(tmp_path, small, monkeypatch):
+def test_interrupted_deletion_is_completed(tmp_path, small, monkeypatch):
     with EvidenceStore(tmp_path) as store:
         store.add('r1', *small('r1', 1, last_ns=0))
         with monkeypatch.context() as patch:
@@ -199,7 +198,7 @@ def test_a_deletion_that_was_stopped_is_finished(tmp_path, small, monkeypatch):
     assert verify(tmp_path).sound
 
 
-def test_ends_of_random_sizes(tmp_path, small):
+def test_chain_of_records_of_random_sizes_is_valid(tmp_path, small):
     rng = np.random.default_rng(2)
     with EvidenceStore(tmp_path) as store:
         for k in range(1, 6):

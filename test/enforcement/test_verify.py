@@ -25,7 +25,7 @@ POSITIONS = 60  # bytes of each file that are flipped; ``tamper`` flips any numb
 
 @pytest.fixture(params=[None, KEY], ids=['unsigned', 'signed'])
 def three(request, tmp_path, small):
-    """Return a folder of three small records, and the keys to trust."""
+    """Return a folder of three small records, and the trusted keys."""
     with EvidenceStore(tmp_path / 'evidence', key=request.param) as store:
         for number in (1, 2, 3):
             store.add(f'r{number}', *small(f'r{number}', number))
@@ -39,7 +39,7 @@ def faults(folder, trusted=()):
     return '; '.join(found.faults)
 
 
-def test_what_was_written_is_sound(three, written):
+def test_unchanged_records_are_valid(three, written):
     folder, trusted = three
     assert faults(folder, trusted) == faults(written) == faults(written / NAME) == ''
     assert verify(folder).records == 3
@@ -78,7 +78,7 @@ def test_each_file_of_a_real_record_counts(evidence):
     assert faults(evidence) == ''
 
 
-def test_what_is_removed_added_or_moved_is_named(three):
+def test_removed_added_or_moved_files_are_named(three):
     folder, trusted = three
 
     def spoilt(*steps, wanted):
@@ -102,7 +102,7 @@ def test_what_is_removed_added_or_moved_is_named(three):
     spoilt(lambda d: (d / 'head.json').unlink(), wanted='head.json is missing')
 
 
-def test_chain_that_is_cut_or_reordered(three):
+def test_truncated_or_reordered_chain_is_found(three):
     folder, trusted = three
     path = folder / 'chain.jsonl'
     lines = path.read_text().splitlines(keepends=True)
@@ -120,7 +120,7 @@ def test_chain_that_is_cut_or_reordered(three):
     assert 'was cut: it has 2 of the 3 entries' in faults(folder, trusted)
 
 
-def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
+def test_separately_kept_head_reveals_an_older_copy(tmp_path, small):
     head = tmp_path / 'apart' / 'head.json'
     with EvidenceStore(tmp_path / 'evidence', head) as store:
         store.add('r1', *small('r1', 1))
@@ -131,7 +131,7 @@ def test_a_head_kept_apart_tells_an_older_copy(tmp_path, small):
     assert 'was cut: it has 1 of the 3 entries' in '; '.join(verify(Path(older), head).faults)
 
 
-def test_records_made_anew_are_found_by_their_signature(three, small):
+def test_recreated_records_are_found_by_their_signature(three, small):
     """Without the key one can recompute all hashes, but not the signatures."""
     folder, trusted = three
     if not trusted:
@@ -146,14 +146,14 @@ def test_records_made_anew_are_found_by_their_signature(three, small):
     assert 'head.json is signed by another key' in found
 
 
-def test_what_is_no_evidence_is_bad_input(tmp_path):
+def test_folder_without_evidence_is_bad_input(tmp_path):
     (tmp_path / 'empty').mkdir()
     for folder in (tmp_path / 'none', tmp_path / 'empty'):
         with pytest.raises(InputError, match='evidence: found .*wanted a folder of records'):
             verify(folder)
 
 
-def test_a_record_may_not_point_outside_its_folder(evidence):
+def test_record_may_not_refer_outside_its_folder(evidence):
     path = evidence / NAME / 'record.json'
     record = json.loads(path.read_text())
     record['files']['../../x'] = {'sha256': '0' * 64, 'bytes': 1}

@@ -9,7 +9,7 @@ from scipy import stats
 from stereo_speed.estimation.gaussian import condition, NormalEquations
 
 
-def test_rows_are_weighted_least_squares():
+def test_rows_equal_weighted_least_squares():
     rng = np.random.default_rng(0)
     A, std = rng.normal(size=(6, 2)), rng.uniform(0.2, 2.0, 6)
     normal = NormalEquations(3)
@@ -29,7 +29,7 @@ def test_correlated_rows_are_whitened_by_their_covariance():
     np.testing.assert_allclose(normal.H, A.T @ np.linalg.inv(covariance) @ A)
 
 
-def test_what_two_priors_say_together_is_their_sum():
+def test_two_priors_combine_to_their_sum():
     one, other = NormalEquations(1), NormalEquations(1)
     one.row([0], [1.0], 2.0, 0.5)
     other.row([0], [1.0], 6.0, 0.5)
@@ -38,7 +38,7 @@ def test_what_two_priors_say_together_is_their_sum():
     assert one.H[0, 0] == 4.0
 
 
-def test_measurements_condition_as_the_joint_gaussian_does():
+def test_measurements_condition_like_the_joint_gaussian():
     """Mean and covariance against the inverse of the joint covariance of state and data."""
     rng = np.random.default_rng(2)
     root, A, noise = rng.normal(size=(4, 4)), rng.normal(size=(5, 2)), 0.3
@@ -52,12 +52,12 @@ def test_measurements_condition_as_the_joint_gaussian_does():
     np.testing.assert_allclose(found.covariance, P - gain @ whole @ P, atol=1e-9)
 
 
-def test_unknowns_that_nothing_is_known_of_are_refused():
+def test_unconstrained_unknowns_are_refused():
     with pytest.raises(np.linalg.LinAlgError, match='positive definite'):
         condition(NormalEquations(2), np.eye(1), np.zeros(1))
 
 
-def test_evidence_differs_between_priors_as_the_marginal_density_does():
+def test_evidence_difference_of_priors_equals_the_marginal_density():
     rng = np.random.default_rng(5)
     A, noise = rng.normal(size=(7, 3)), 0.5
     y = rng.normal(size=7)
@@ -72,7 +72,7 @@ def test_evidence_differs_between_priors_as_the_marginal_density_does():
     np.testing.assert_allclose(np.diff(logs), np.diff(densities), rtol=1e-9)
 
 
-def test_a_constant_known_by_a_chain_almost_without_noise_is_measured():
+def test_constant_known_through_an_almost_noise_free_chain_is_measured():
     n, std, expected = 60, 1e-7, 3.0
     chain, k = NormalEquations(n), np.arange(n - 1)
     chain.row([0], [1.0], expected, 100.0)

@@ -17,7 +17,7 @@ RATE = np.diag([2.0, 1.5, 1.0]) ** 2
 
 
 def data(seed):
-    """Draw a track: its steps, its measurements and the Kalman filter's last posterior."""
+    """Return a random track: steps, measurements and the Kalman filter's last posterior."""
     rng = np.random.default_rng(seed)
     belief = PRIOR
     truth = rng.multivariate_normal(PRIOR.mean, PRIOR.cov)
@@ -31,7 +31,7 @@ def data(seed):
 
 
 def particles_moments(steps, measured, resample_ess, rng):
-    """Run the particle filter: mean and covariance of its last posterior."""
+    """Run the particle filter; return mean and covariance of its last posterior."""
     particles = rng.multivariate_normal(PRIOR.mean, PRIOR.cov, PARTICLES)
     log_weights = np.zeros(PARTICLES)
     for step, z in zip(steps, measured):
@@ -45,7 +45,7 @@ def particles_moments(steps, measured, resample_ess, rng):
 
 
 @pytest.mark.parametrize('resample_ess', [0.5, 1.0])
-def test_posterior_is_the_kalman_filters(resample_ess):
+def test_posterior_equals_that_of_the_kalman_filter(resample_ess):
     steps, measured, exact = data(4)
     root = np.linalg.cholesky(exact.cov)
     runs = [particles_moments(steps, measured, resample_ess, rng)
@@ -71,6 +71,6 @@ def test_weights_add_up_until_resampled():
     np.testing.assert_allclose(normalise_log_weights(drawn.log_weights), 0.25)
 
 
-def test_all_impossible_is_an_error():
+def test_all_particles_impossible_is_an_error():
     with pytest.raises(DegenerateWeightsError):
         weigh(np.zeros(3), np.full(3, -np.inf), 0.5, np.random.default_rng(0))

@@ -17,7 +17,7 @@ def test_normal_deviations_have_their_std():
         median_abs_deviation(off, scale='normal', center=lambda x, axis: 0.0), rel=1e-4)
 
 
-def test_a_third_of_outliers_does_little():
+def test_a_third_of_outliers_has_little_influence():
     off = np.random.default_rng(1).normal(0, 1.0, 3000)
     off[:1000] = 1e6
     assert robust_std(off) < 2.0

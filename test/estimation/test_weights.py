@@ -21,7 +21,7 @@ def test_impossible_weights_are_an_error(bad):
         normalise_log_weights(np.array(bad))
 
 
-def test_effective_sample_size_of_even_and_single():
+def test_effective_sample_size_of_even_weights_and_a_single_one():
     assert effective_sample_size(np.full(50, 0.02)) == pytest.approx(50)
     assert effective_sample_size(np.eye(50)[3]) == pytest.approx(1)
 

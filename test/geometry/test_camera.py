@@ -26,7 +26,7 @@ def make(model, d):
 
 
 @pytest.mark.parametrize('lens', LENSES)
-def test_projection_is_opencv_s(lens):
+def test_projection_equals_opencv(lens):
     """Pixels equal those of cv2.projectPoints and cv2.fisheye.projectPoints."""
     model, d = LENSES[lens]
     rng = np.random.default_rng(1)
@@ -44,7 +44,7 @@ def test_projection_is_opencv_s(lens):
 
 @pytest.mark.parametrize('lens', LENSES)
 def test_undistort_inverts_distort_over_the_image(lens):
-    """Every pixel of a grid over the image comes back to 1e-7 px."""
+    """Every pixel of a grid over the image is recovered to 1e-7 px."""
     camera = make(*LENSES[lens])
     uv = np.stack(np.meshgrid(np.linspace(0, 1023, 23), np.linspace(0, 767, 17)), axis=-1)
     np.testing.assert_allclose(camera.distort(camera.undistort(uv)), uv, atol=1e-7)
@@ -67,7 +67,7 @@ def test_behind_and_outside():
 
 
 def test_folded_rays_are_not_valid():
-    """With strong barrel distortion a ray at 63 degrees must not land in the image."""
+    """With strong barrel distortion a ray at 63 degrees must not project into the image."""
     camera = make('plumb_bob', [-0.3, 0.0, 0.0, 0.0])
     uv, valid = camera.project(np.array([1.82, 0.0, 1.0]))
     assert camera.inside(uv) and not valid

@@ -51,13 +51,13 @@ def test_without_coefficients_a_polynomial_lens_changes_nothing():
     assert lens.distort(xy) is xy and lens.undistort(xy) is xy
 
 
-def test_the_rational_polynomial_begins_as_plumb_bob():
+def test_rational_polynomial_includes_plumb_bob():
     xy = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
     d = np.array(COEFFICIENTS['plumb_bob'])
     np.testing.assert_array_equal(PlumbBob(d).distort(xy), RationalPolynomial(d).distort(xy))
 
 
-def test_a_camera_takes_its_lens_by_name():
+def test_camera_takes_its_lens_by_name():
     k = np.array([[900.0, 0, 320], [0, 900, 240], [0, 0, 1]])
     for name, d in COEFFICIENTS.items():
         camera = Camera('left', 640, 480, k, d, name)

@@ -38,7 +38,7 @@ def test_points_before_beside_and_behind_the_camera(model, rotated):
     assert np.isnan(got[0]).any()
 
 
-def test_a_tilted_sensor_is_left_to_the_lens():
+def test_tilted_sensor_is_left_to_the_lens():
     camera = Camera('left', 1024, 768, K, np.array([0.0] * 12 + [0.01, 0.02]),
                     'rational_polynomial')
     assert not Projection.of(camera.lens, K, (1024, 768), None).known
@@ -48,7 +48,7 @@ def test_a_tilted_sensor_is_left_to_the_lens():
 
 
 @pytest.mark.parametrize('model', ['ideal', *LENSES, 'tilted'])
-def test_both_views_are_those_of_each_camera(model):
+def test_both_views_equal_those_of_each_camera(model):
     """For points that move on until the right view is exposed."""
     rng = np.random.default_rng(9)
     kind = {'ideal': 'plumb_bob', 'tilted': 'rational_polynomial'}.get(model, model)

@@ -21,7 +21,7 @@ def make_rig(r=(0.01, -0.03, 0.005), t=(-0.5, 0.01, 0.02), d=(-0.2, 0.1, 1e-3, -
     return StereoRig(left, right, cv2.Rodrigues(np.array(r, dtype=float))[0], np.array(t))
 
 
-def test_triangulates_its_own_projections():
+def test_triangulation_recovers_projected_points():
     """Noise-free pixels give the original points."""
     rig = make_rig()
     points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (4, 25, 3))
@@ -64,14 +64,14 @@ def test_points_behind_or_at_infinity_are_nan():
 
 
 @pytest.mark.filterwarnings('error')
-def test_rays_that_are_parallel_but_for_rounding_meet_nowhere():
+def test_rays_parallel_up_to_rounding_do_not_meet():
     """Their depth is infinite, and no warning is raised."""
     pixel = np.array([600.0, 383.5])
     assert np.isnan(make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=()).triangulate(
         pixel, pixel - [1e-10, 0.0])).all()
 
 
-def test_epipolar_lines_hold_the_other_view():
+def test_epipolar_lines_contain_the_other_view():
     """The other view's pixel lies on the epipolar line."""
     rig = make_rig()
     left, right, _, _ = rig.project(np.array([[1.0, 2, 30], [-3, 1, 50]]))
@@ -80,7 +80,7 @@ def test_epipolar_lines_hold_the_other_view():
 
 
 def test_frames_round_trip():
-    """The left camera's centre, and points there and back by the inverse motion."""
+    """The left camera's centre, and points transformed there and back."""
     rig, points = make_rig(), np.array([[1.0, 2, 30], [-3, 1, 50]])
     np.testing.assert_allclose((rig.to_right(points) - rig.t) @ rig.R, points)
     np.testing.assert_allclose(rig.to_right(np.zeros(3)), rig.t)
@@ -95,21 +95,21 @@ def test_refuses(kwargs, what):
         make_rig(**kwargs)
 
 
-def test_refuses_what_is_no_rotation():
-    """A mirror is no rotation."""
+def test_refuses_a_matrix_that_is_no_rotation():
+    """A reflection is no rotation."""
     rig = make_rig()
     with pytest.raises(CalibrationError, match='rig: R: found'):
         StereoRig(rig.left, rig.right, np.diag([1.0, 1, -1]), rig.t)
 
 
-def test_a_pan_of_the_rig_moves_the_view_to_the_left():
+def test_pan_of_the_rig_moves_the_view_to_the_left():
     """Focal length 1500 px: a point straight ahead moves by 1500 tan(0.1 degrees) = 2.618 px."""
     rig = make_rig(r=(0, 0, 0), t=(-0.5, 0, 0), d=()).swayed((np.radians(0.1), 0, 0))
     uv, _ = rig.left.project(np.array([0.0, 0.0, 40.0]))
     np.testing.assert_allclose(uv, [511.5 - 2.61800, 383.5], atol=1e-4)
 
 
-def test_a_rig_that_sways_sees_the_world_where_it_was():
+def test_swaying_rig_triangulates_points_at_their_true_positions():
     """Points are triangulated at their true positions, however the rig is rotated."""
     motion = RigMotion((0.01, -0.004, 0.02), (0.002, 0.001, -0.003))
     rig = make_rig().as_taken(motion)
@@ -119,7 +119,7 @@ def test_a_rig_that_sways_sees_the_world_where_it_was():
     np.testing.assert_allclose(rig.baseline_m, make_rig().baseline_m, rtol=1e-12)
 
 
-def test_sway_is_a_rotation_of_both_cameras_as_one_body():
+def test_sway_is_a_rigid_rotation_of_both_cameras():
     """In the frame of its left camera a swaying rig is unchanged."""
     still, sway = make_rig(), (0.01, -0.004, 0.02)
     points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (25, 3))
@@ -127,7 +127,7 @@ def test_sway_is_a_rotation_of_both_cameras_as_one_body():
     np.testing.assert_allclose(there, still.project(points @ of_camera(sway).T)[:2], atol=1e-9)
 
 
-def test_a_rig_that_stood_still_is_itself():
+def test_unmoved_rig_is_unchanged():
     """No motion, and a zero motion, cost nothing and change nothing."""
     rig = make_rig()
     assert rig.as_taken(None) is rig and rig.as_taken(RigMotion()) is rig

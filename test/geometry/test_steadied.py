@@ -25,14 +25,14 @@ def rig():
 
 
 @pytest.mark.parametrize('right', [False, True])
-def test_pixels_of_what_is_far_move_as_points_do(rig, right):
+def test_pixels_of_distant_points_move_like_the_points(rig, right):
     points = np.random.default_rng(0).uniform([-2e5, -1e5, 1e6], [2e5, 1e5, 2e6], (20, 3))
     before, after = (r.project(points)[int(right)] for r in (rig, rig.as_taken(MOTION)))
     np.testing.assert_allclose(moved_px(rig, rig.as_taken(MOTION), right, before), after,
                                atol=1e-3)
 
 
-def test_a_steadied_pair_is_the_pair_from_before(rig):
+def test_steadied_pair_equals_the_pair_before_the_motion(rig):
     def drawn(now, right):
         v, u = np.mgrid[:300, :400].astype(float)
         camera, R = (now.right, now.R) if right else (now.left, np.eye(3))
@@ -49,6 +49,6 @@ def test_a_steadied_pair_is_the_pair_from_before(rig):
         assert np.sqrt(np.mean((moved[inner].astype(float) - wanted[inner]) ** 2)) > 5
 
 
-def test_a_pair_that_has_not_moved_is_itself(rig):
+def test_unmoved_pair_is_unchanged(rig):
     pair = StereoPair(0, 0, 0, np.zeros((300, 400), np.uint8), np.zeros((300, 400), np.uint8))
     assert steadied(pair, rig) is pair

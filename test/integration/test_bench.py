@@ -12,7 +12,7 @@ from stereo_speed.lab.cli.live_graph import Traffic  # noqa: E402
 from stereo_speed.nodes.delay_listener import AnswerListener  # noqa: E402
 
 
-def test_who_matches_each_pair_is_timed(private_graph, sample):
+def test_peer_that_matches_each_pair_is_timed(private_graph, sample):
     """Of 12 pairs, 0.2 s apart, a newer one may arrive while one is matched."""
     traffic = Traffic.of(sample, 5.0)
     listener, cpu_ms = _timed(traffic, ('pairing_peer_node', 'matching:=sgbm'), ('/answers',),

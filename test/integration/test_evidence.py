@@ -38,7 +38,7 @@ def _same(live, offline, where):
         assert live == offline, where
 
 
-def test_a_violation_is_recorded_live_as_it_is_by_replay(stand_in, sample, tmp_path, capsys):
+def test_live_violation_record_equals_that_of_replay(stand_in, sample, tmp_path, capsys):
     from stereo_speed.nodes.common import LATCHED
     assert main(['evidence', 'key', '--out', str(tmp_path / 'key.pem')]) == 0
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'), '--no-plots',

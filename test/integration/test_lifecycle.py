@@ -50,11 +50,11 @@ class Manager:
 
     @property
     def state(self):
-        """Return the state that the node is in."""
+        """Return the node's state."""
         return self._ask(GetState, GetState.Request()).current_state.id
 
 
-def test_a_manager_has_it_measure_and_rest_and_measure_again(stand_in, sample):
+def test_lifecycle_manager_can_start_stop_and_restart_measuring(stand_in, sample):
     from stereo_speed.nodes.common import LATCHED
     told = []
     stand_in.create_subscription(String, '/passes', lambda m: told.append(json.loads(m.data)),
@@ -87,7 +87,7 @@ def test_a_manager_has_it_measure_and_rest_and_measure_again(stand_in, sample):
     assert abs(told[0]['speed_mps'] - told[1]['speed_mps']) < told[0]['speed_std_mps']
 
 
-def test_a_site_that_cannot_be_read_refuses_to_be_configured(stand_in, sample, tmp_path):
+def test_unreadable_site_makes_configuring_fail(stand_in, sample, tmp_path):
     """The site can be corrected without a restart."""
     site = tmp_path / 'site.yaml'
     with Process('tracker_node', f'site:={site}', 'autostart:=false') as node:
@@ -99,7 +99,7 @@ def test_a_site_that_cannot_be_read_refuses_to_be_configured(stand_in, sample, t
         assert manager.change(ACTIVATE) == (True, ACTIVE)
 
 
-def test_alone_a_node_activates_itself(stand_in, sample):
+def test_unmanaged_node_activates_itself(stand_in, sample):
     with Process('tracker_node', f'site:={sample / "site.yaml"}'):
         stand_in.wait(lambda: stand_in.count_subscribers('/stereo/image_pair') == 1, STARTUP_S)
         assert Manager(stand_in, 'tracker_node').state == ACTIVE

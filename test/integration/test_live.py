@@ -66,7 +66,7 @@ def test_bad_input_ends_a_node_with_one_line(node, parameters, words, sample, tm
     assert all(w in lines[0] for w in words), lines[0]
 
 
-def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sample):
+def test_looping_replay_gives_new_vehicles_with_the_same_speeds(sample):
     """A looping replay: stamps and clock jump back, and measuring starts again."""
     from stereo_speed.nodes.demo_listener import Listener
     readings = []
@@ -93,7 +93,7 @@ def test_a_replay_that_starts_over_gives_a_new_vehicle_and_the_same_speeds(sampl
         assert a[2] == pytest.approx(b[2], abs=0.1)
 
 
-def test_vehicles_found_on_a_site_refined_at_start_read_as_replay_does(sample, tmp_path):
+def test_vehicles_at_a_site_refined_at_start_equal_replay(sample, tmp_path):
     """Without annotations: the node refines the site with its first pairs and detects."""
     from stereo_speed.nodes.demo_listener import Listener
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
@@ -152,7 +152,7 @@ def test_boxes_of_another_node_become_vehicles(sample, sample_boxes, stand_in):
         assert vehicle == 'vehicle_0' and abs(speed / MPH_MPS - 55.0) < 4 * std / MPH_MPS
 
 
-def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
+def test_interrupted_node_publishes_its_open_passes_first(sample):
     from stereo_speed.nodes.demo_listener import Listener
     readings = []
     listener = Listener(lambda *reading: readings.append(reading), lambda *frame: None)
@@ -181,7 +181,7 @@ def test_ctrl_c_ends_a_node_after_the_open_passes_are_told(sample):
 
 @pytest.fixture()
 def rig_node(stand_in):
-    """Stand in for the cameras and listen to the pairs."""
+    """Return a stand-in for the cameras that receives the pairs."""
     from stereo_speed.nodes.common import RELIABLE
     node = stand_in
     node.send = {side: node.create_publisher(Image, f'/{side}/image_raw', RELIABLE)
@@ -230,7 +230,7 @@ def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
     assert counts['unpaired_left'] == '1' and counts['unpaired_right'] == '0'
 
 
-def test_what_cannot_be_used_is_refused_and_the_next_good_pair_is_taken(rig_node):
+def test_unusable_image_is_refused_and_the_next_good_pair_is_taken(rig_node):
     from diagnostic_msgs.msg import DiagnosticArray
     from diagnostic_msgs.msg import DiagnosticStatus
     import numpy as np

@@ -19,7 +19,7 @@ from stereo_speed.io.pass_json import pass_text  # noqa: E402
 STARTUP_S, EVENT_S = 60.0, 20.0
 
 
-def test_what_is_told_is_in_the_file_even_after_a_kill(stand_in, tmp_path):
+def test_published_messages_are_in_the_file_even_after_a_kill(stand_in, tmp_path):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     path = tmp_path / 'passes.sqlite'
     passes = stand_in.create_publisher(String, '/passes', LATCHED)

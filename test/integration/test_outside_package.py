@@ -70,7 +70,7 @@ def test_both_run_in_replay_with_their_parameters(sample, environment, tmp_path)
      'trackers.outside_clock.speed_mps: found 500'),
     (['--detector', 'outside_radar'], '{}', 'outside_gate'),
 ], ids=['key', 'bounds', 'name'])
-def test_what_is_wrong_is_named(options, text, words, sample, environment, tmp_path):
+def test_errors_are_named(options, text, words, sample, environment, tmp_path):
     config = tmp_path / 'config.yaml'
     config.write_text(text)
     done = replay(sample, tmp_path / 'out', *options, '--config', str(config))
@@ -78,7 +78,7 @@ def test_what_is_wrong_is_named(options, text, words, sample, environment, tmp_p
     assert words in done.stderr
 
 
-def test_the_tracker_is_evaluated_beside_others(sample, environment, tmp_path):
+def test_tracker_is_evaluated_with_others(sample, environment, tmp_path):
     done = subprocess.run(
         [sys.executable, '-m', 'stereo_speed', 'evaluate', str(sample), '--trackers',
          'outside_clock', '--seeds', '1', '--particles', '100', '--jobs', '1', '--out',

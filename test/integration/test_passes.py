@@ -52,7 +52,8 @@ def line_of_the_listener_of_the_readme():
             listener.kill()
 
 
-def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sample, tmp_path):
+def test_pass_is_published_at_the_end_of_the_stream_and_to_late_subscribers(
+        stand_in, sample, tmp_path):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     from stereo_speed.nodes.messages import speed_of
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
@@ -96,7 +97,7 @@ def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sa
 
 
 @pytest.mark.parametrize('fault', ['info_nan', 'odd_encoding'])
-def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
+def test_single_process_survives_a_bad_message_and_measures_the_pass(fault, stand_in, sample):
     """Without pair messages; one image or calibration in the middle is unusable."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, readings, health = [], [], []
@@ -124,8 +125,7 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
 @pytest.mark.parametrize(('module', 'fault'), [
     ('search_process', 'searches for vehicles without a separate process'),
     ('pass_process', 'measures passes without a separate process')])
-def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
-        stand_in, sample, module, fault):
+def test_node_measures_without_its_helper_process_and_restarts_it(stand_in, sample, module, fault):
     """Killed before a pass, the process is missing in that pass and back in the next."""
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, said = [], []
@@ -150,7 +150,7 @@ def test_a_node_measures_without_a_process_that_works_for_it_and_starts_it_anew(
         assert abs(found['speed_mps'] - 55 * MPH_MPS) < 4 * found['speed_std_mps']
 
 
-def test_two_rigs_in_two_namespaces_measure_alike_and_are_told_apart(stand_in, sample):
+def test_two_rigs_in_two_namespaces_measure_alike_and_stay_separate(stand_in, sample):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
     told, health = {}, []
     stand_in.create_subscription(DiagnosticArray, '/diagnostics', health.append, RELIABLE)

@@ -38,7 +38,7 @@ def turned(topic, _, msg):
     return msg
 
 
-def test_a_look_at_the_rig_is_told(stand_in, sample):
+def test_check_of_the_rig_is_reported(stand_in, sample):
     states = heard_of(stand_in)
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
@@ -50,8 +50,7 @@ def test_a_look_at_the_rig_is_told(stand_in, sample):
     assert states[-1].level == b'\x00'
 
 
-def test_a_camera_that_has_turned_is_noticed_and_then_measured_with(
-        stand_in, sample, rewrite, tmp_path):
+def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite, tmp_path):
     from stereo_speed.nodes.common import LATCHED
     states, passes = heard_of(stand_in), []
     stand_in.create_subscription(

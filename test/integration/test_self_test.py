@@ -25,7 +25,7 @@ def levels(stand_in):
     return found
 
 
-def test_what_the_self_test_found_is_told(stand_in, sample):
+def test_result_of_the_self_test_is_reported(stand_in, sample):
     """Reports during the test are tested in ``test/nodes/test_self_test.py``."""
     found = levels(stand_in)
     with Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
@@ -33,7 +33,7 @@ def test_what_the_self_test_found_is_told(stand_in, sample):
         stand_in.wait(lambda: found and found[-1] == (b'\x00', 'passed'), STARTUP_S + EVENT_S)
 
 
-def test_a_failed_self_test_is_an_error(stand_in, sample):
+def test_failed_self_test_is_an_error(stand_in, sample):
     found = levels(stand_in)
     with Process('tracker_node', *RELIABLE_INFOS, f'site:={sample / "site.yaml"}',
                  f'self_test:={sample}', 'verdict.most_speed_mps:=10.0'):

@@ -46,7 +46,7 @@ def studio():
             process.kill()
 
 
-def test_the_page_shows_what_the_nodes_measure(studio, sample):
+def test_page_shows_what_the_nodes_measure(studio, sample):
     with headless.browsing() as browser:
         page = browser.new_page(viewport=headless.SIZE)
         page.set_default_timeout(headless.WAIT_MS)

@@ -19,7 +19,7 @@ SIZE = (16, 12)  # width, height
 
 
 class Messages:
-    """Build messages of one ROS version; the fields differ in name only."""
+    """Builds messages of one ROS version; only the names of fields differ."""
 
     def __init__(self, ros1=False):
         self.ros1 = ros1
@@ -62,7 +62,7 @@ class Messages:
 
 
 def calibration(side):
-    """Fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
+    """Return the fields of a CameraInfo: f = 20 px, baseline 0.5 m."""
     tx = -10.0 if side == 'right' else 0.0
     return {
         'height': SIZE[1], 'width': SIZE[0], 'distortion_model': 'plumb_bob',
@@ -72,7 +72,7 @@ def calibration(side):
 
 
 def picture(seed, shape=(12, 16), dtype=np.uint8):
-    """Give a random image."""
+    """Return a random image."""
     return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape, dtype)
 
 

@@ -10,12 +10,12 @@ from stereo_speed.io.ahead import ahead
 
 
 @pytest.mark.parametrize('most', [1, 3, 50])
-def test_the_same_comes_in_the_same_order(most):
+def test_items_come_in_the_same_order(most):
     assert list(ahead(range(20), most)) == list(range(20))
     assert list(ahead([], most)) == []
 
 
-def test_items_are_fetched_before_they_are_asked_for_and_no_further_than_told():
+def test_items_are_fetched_ahead_up_to_the_limit():
     third, fetched = threading.Event(), []
 
     def items():
@@ -31,7 +31,7 @@ def test_items_are_fetched_before_they_are_asked_for_and_no_further_than_told():
     assert len(fetched) <= 3
 
 
-def test_an_error_comes_after_what_was_before_it():
+def test_error_comes_after_the_items_before_it():
     def items():
         yield 1
         yield 2

@@ -13,14 +13,14 @@ def names(folder):
     return sorted(p.name for p in folder.iterdir())
 
 
-def test_text_and_bytes_to_the_letter_in_a_new_folder(tmp_path):
+def test_text_and_bytes_are_written_exactly_into_a_new_folder(tmp_path):
     write_whole(tmp_path / 'a' / 'b', {'text': 'ä\r\n', 'bytes': b'\x00\n'})
     assert names(tmp_path / 'a' / 'b') == ['bytes', 'text']
     assert (tmp_path / 'a' / 'b' / 'text').read_bytes() == b'\xc3\xa4\r\n'
     assert (tmp_path / 'a' / 'b' / 'bytes').read_bytes() == b'\x00\n'
 
 
-def test_what_fails_in_the_making_leaves_everything_as_it_was(tmp_path):
+def test_failed_write_leaves_everything_unchanged(tmp_path):
     (tmp_path / 'mark').write_text('old')
     with pytest.raises(ZeroDivisionError):
         with staged(tmp_path, ('mark',)) as aside:
@@ -30,7 +30,7 @@ def test_what_fails_in_the_making_leaves_everything_as_it_was(tmp_path):
     assert names(tmp_path) == ['mark'] and (tmp_path / 'mark').read_text() == 'old'
 
 
-def test_the_mark_of_a_whole_run_goes_first_and_comes_last(tmp_path, monkeypatch):
+def test_completion_mark_is_removed_first_and_written_last(tmp_path, monkeypatch):
     for name in ('mark', 'table', 'picture', 'mine'):
         (tmp_path / name).write_text('old')
     seen, move = [], os.replace
@@ -46,7 +46,7 @@ def test_the_mark_of_a_whole_run_goes_first_and_comes_last(tmp_path, monkeypatch
     assert (tmp_path / 'mine').read_text() == 'old'
 
 
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
+def test_unwritable_path_is_named(tmp_path):
     (tmp_path / 'taken').mkdir()
     with pytest.raises(InputError, match='taken: output: found Is a directory, wanted a place'):
         write_whole(tmp_path, {'taken': 'text'})
@@ -56,5 +56,5 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         write_whole(tmp_path / 'file', {'a': ''})
 
 
-def test_csv_to_the_letter():
+def test_csv_is_written_exactly():
     assert csv_text(('a', 'b c'), [(1, 'x, y'), (None, '"')]) == 'a,b c\n1,"x, y"\n,""""\n'

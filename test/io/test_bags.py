@@ -64,7 +64,7 @@ def test_bare_file(write, kind):
     assert len(opened(file)[1]) == 3
 
 
-def test_receive_time_counts_for_nothing(bags, write):
+def test_receive_time_is_ignored(bags, write):
     """All left messages are recorded before the right ones, with the sides in an absurd order."""
     rows = bags.recording(bags.ros2)
     rows = sorted(rows, key=lambda r: 'right' in r[0])
@@ -74,7 +74,7 @@ def test_receive_time_counts_for_nothing(bags, write):
     np.testing.assert_array_equal(pairs[1].right, bags.picture(3))
 
 
-def test_offset_stamps_pair_with_the_nearest_and_say_so(bags, write, caplog):
+def test_offset_stamps_pair_with_the_nearest_and_this_is_reported(bags, write, caplog):
     path = write(bags.recording(bags.ros2, offset_ns=300_000))
     with caplog.at_level(logging.INFO):
         bag, pairs = opened(path)
@@ -85,7 +85,7 @@ def test_offset_stamps_pair_with_the_nearest_and_say_so(bags, write, caplog):
             for r in caplog.records] == [('WARNING', True)]
 
 
-def test_a_number_forces_the_tolerance(bags, write):
+def test_given_tolerance_is_used(bags, write):
     path = write(bags.recording(bags.ros2, offset_ns=300_000))
     with StereoBag(path, tolerance_ns=0) as bag:
         with pytest.raises(BagError, match='pairs: found none among 3 left and 3 right images, '
@@ -121,7 +121,7 @@ def test_messages_in_recorded_order(bags, write):
     assert [m.log_time_ns for m in messages] == sorted(m.log_time_ns for m in messages)
 
 
-def test_input_hash_is_of_the_bytes(write, tmp_path):
+def test_input_hash_is_that_of_the_bytes(write, tmp_path):
     folder = write()
     first = StereoBag(folder).input_hash()
     moved = shutil.copytree(folder, tmp_path / 'moved')
@@ -140,11 +140,11 @@ def refused(path, told, error=BagError, **options):
     assert str(caught.value).startswith(str(path))
 
 
-def test_not_there(tmp_path):
+def test_missing_bag(tmp_path):
     refused(tmp_path / 'none', 'bag: found no such file or folder, wanted a rosbag2 folder')
 
 
-def test_other_file(tmp_path):
+def test_other_file_type(tmp_path):
     path = tmp_path / 'a.txt'
     path.write_text('hello')
     refused(path, "found a file ending in '.txt'")

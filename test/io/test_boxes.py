@@ -31,25 +31,25 @@ def test_boxes_are_read_by_stamp_in_their_order(written):
         5: [ImageBox(left_px=1, top_px=2, width_px=3, height_px=4, score=1)]}
 
 
-def test_without_scores_every_box_is_sure(written):
+def test_boxes_without_scores_have_the_score_one(written):
     (box,), = load_boxes(written(HEAD, FIRST)).values()
     assert box.score == 1.0
 
 
-def test_columns_may_stand_in_any_order_and_lines_end_as_windows_does(written):
+def test_columns_in_any_order_and_windows_line_ends_are_read(written):
     path = written('score,height_px,width_px,top_px,left_px,stamp_ns', '0.5,4,3,2,1,7',
                    newline='\r\n')
     assert load_boxes(path) == {
         7: [ImageBox(left_px=1, top_px=2, width_px=3, height_px=4, score=0.5)]}
 
 
-def test_a_byte_order_mark_is_no_column(tmp_path):
+def test_byte_order_mark_is_ignored(tmp_path):
     path = tmp_path / 'boxes.csv'
     path.write_text(f'{HEAD}\n{FIRST}\n', encoding='utf-8-sig')
     assert len(load_boxes(path)) == 1
 
 
-def test_no_rows_are_no_vehicles(written):
+def test_file_without_rows_has_no_vehicles(written):
     assert load_boxes(written(HEAD)) == {}
 
 
@@ -71,14 +71,14 @@ def test_no_rows_are_no_vehicles(written):
     ((f'{HEAD},score', '1,2,3,4,5,1.5'), "line 2, score: found '1.5', wanted a confidence"),
     ((HEAD, '1,2,3,4,"5'), 'line 2: found'),
 ], ids=lambda value: str(value)[:40])
-def test_a_fault_is_named_by_file_line_and_column(written, lines, said):
+def test_fault_is_named_by_file_line_and_column(written, lines, said):
     path = written(*lines)
     with pytest.raises(InputError, match=said) as caught:
         load_boxes(path)
     assert str(caught.value).startswith(str(path)) and '\n' not in str(caught.value)
 
 
-def test_a_file_that_cannot_be_read_is_an_input_error(tmp_path):
+def test_unreadable_file_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match='boxes.csv: file'):
         load_boxes(tmp_path / 'boxes.csv')
     (tmp_path / 'boxes.csv').write_bytes(b'\xff\xfe\x00')

@@ -27,8 +27,8 @@ def test_ideal_rig_by_hand(make):
     assert left[0] - right[0] == pytest.approx(1.0)
 
 
-def test_rig_is_the_one_that_was_rectified(make):
-    """A known rig rectified by OpenCV; its R1, R2, P2 must lead back to that rig."""
+def test_rig_equals_the_one_that_was_rectified(make):
+    """A known rig rectified by OpenCV; its R1, R2, P2 must recover that rig."""
     rotation = cv2.Rodrigues(np.array([0.02, -0.05, 0.01]))[0]
     t = np.array([[-0.48], [0.03], [0.05]])
     k = [np.array([[f, 0, 500.0], [0, f + 3, 380], [0, 0, 1]]) for f in (1500.0, 1490.0)]
@@ -85,7 +85,7 @@ def changed(values, index, value):
      r'found -0.5 m, wanted > 0 m \(are left and right swapped\?\)'),
     ('right', {'p': [20, 0, 7.5, -10, 0, 20, 5.5, -9, 0, 0, 1, 0]}, r'P\[7\]: found -9.0'),
 ])
-def test_calibration_that_cannot_be_used(make, side, change, told):
+def test_unusable_calibrations_are_refused(make, side, change, told):
     change = {k: np.array(v, float) if isinstance(v, list) else v for k, v in change.items()}
     infos = {s: make.info(0, s, **(change if s == side else {})) for s in ('left', 'right')}
     with pytest.raises(CalibrationError, match='^a.mcap: .*' + told) as caught:

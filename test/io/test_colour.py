@@ -16,7 +16,7 @@ COLOUR = {'bgr8': (3, None), 'rgb8': (3, 'RGB2BGR'), 'bgra8': (4, 'BGRA2BGR'),
 
 @pytest.mark.parametrize('padding', [0, 5])
 @pytest.mark.parametrize('encoding', COLOUR)
-def test_colour_is_cvtcolor(bags, encoding, padding):
+def test_colour_equals_cvtcolor(bags, encoding, padding):
     channels, code = COLOUR[encoding]
     pixels = bags.picture(1, (12, 17, channels))
     for msgs in (bags.ros1, bags.ros2):
@@ -36,7 +36,7 @@ def test_channels_by_hand(bags):
 @pytest.mark.parametrize('encoding', ['bayer_rggb8', 'bayer_bggr8', 'bayer_gbrg8',
                                       'bayer_grbg8'])
 @pytest.mark.parametrize('padding', [0, 3])
-def test_bayer_of_one_colour_is_that_colour(bags, encoding, padding):
+def test_uniform_bayer_image_has_its_colour(bags, encoding, padding):
     """A flat scene: the mosaic is built by its ROS name, and demosaicing gives the colour."""
     cells = encoding[6:10]
     for rgb in ((200, 0, 0), (0, 200, 0), (0, 0, 200), (30, 90, 180)):
@@ -68,7 +68,7 @@ def test_sixteen_bits_keep_the_upper_eight(bags, big):
 
 
 @pytest.mark.parametrize('kind', ['png', 'jpg'])
-def test_compressed_is_imdecode(bags, kind):
+def test_compressed_equals_imdecode(bags, kind):
     pixels = cv2.GaussianBlur(bags.picture(3, (24, 32, 3)), (0, 0), 3)
     msg = bags.ros2.compressed(0, pixels, kind, f'bgr8; {kind} compressed bgr8')
     found = bgr_from_message(msg, 'bag')
@@ -83,7 +83,7 @@ def test_compressed_grey_has_three_equal_channels(bags):
     np.testing.assert_array_equal(found, np.repeat(pixels[..., None], 3, axis=-1))
 
 
-def test_what_cannot_be_used_is_named(bags):
+def test_unusable_image_is_named(bags):
     with pytest.raises(BagError, match=r"a\.mcap: encoding: found '32FC1', wanted one of mono8"):
         bgr_from_message(bags.ros2.image(0, bags.picture(1), '32FC1'), 'a.mcap')
     with pytest.raises(BagError, match='image data: found 191 bytes'):

@@ -17,7 +17,7 @@ import yaml
 @pytest.mark.parametrize('change', [
     {'topic_metadata': {'name': {}}}, {'topic_metadata': {'type': []}}, {'message_count': 'x'}],
     ids=['name', 'type', 'count'])
-def test_metadata_whose_topics_have_no_names(bags, tmp_path, change):
+def test_metadata_with_unnamed_topics(bags, tmp_path, change):
     bag = bags.write(tmp_path / 'bag', bags.recording(bags.ros2), bags.ros2)
     path = bag / 'metadata.yaml'
     data = yaml.safe_load(path.read_text())
@@ -30,7 +30,7 @@ def test_metadata_whose_topics_have_no_names(bags, tmp_path, change):
             list(opened.pairs())
 
 
-def test_metadata_that_point_to_files_elsewhere_are_not_followed(bags, tmp_path):
+def test_metadata_that_refer_to_files_elsewhere_are_not_followed(bags, tmp_path):
     bag = bags.write(tmp_path / 'bag', bags.recording(bags.ros2), bags.ros2)
     file, = (p for p in bag.iterdir() if p.suffix != '.yaml')
     elsewhere = tmp_path / file.name
@@ -47,14 +47,14 @@ def test_metadata_that_point_to_files_elsewhere_are_not_followed(bags, tmp_path)
 @pytest.mark.parametrize(('field', 'at', 'value'), [
     ('k', 0, 1e300), ('k', 0, 1e-300), ('k', 2, 1e7), ('d', 0, 1e200), ('r', 0, 1e200),
     ('p', 3, -1e300)])
-def test_calibrations_of_no_camera(bags, field, at, value):
+def test_calibrations_without_a_camera(bags, field, at, value):
     infos = [bags.ros2.info(0, side) for side in ('left', 'right')]
     getattr(infos[1], field)[at] = value
     with np.errstate(all='raise'), pytest.raises(CalibrationError, match=field.upper()):
         rig_from_info(*infos, 'bag')
 
 
-def test_a_video_whose_index_is_lost_is_read_without_chatter(tmp_path, capfd):
+def test_video_with_a_lost_index_is_read_without_library_messages(tmp_path, capfd):
     path = tmp_path / 'video.avi'
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*'MJPG'), 10.0, (32, 24))
     for level in range(0, 200, 40):
@@ -68,7 +68,7 @@ def test_a_video_whose_index_is_lost_is_read_without_chatter(tmp_path, capfd):
     assert capfd.readouterr().err == ''
 
 
-def test_metadata_whose_files_are_a_text(bags, tmp_path):
+def test_metadata_with_a_string_for_its_files(bags, tmp_path):
     bag = bags.write(tmp_path / 'bag', bags.recording(bags.ros2), bags.ros2)
     path = bag / 'metadata.yaml'
     data = yaml.safe_load(path.read_text())
@@ -79,7 +79,7 @@ def test_metadata_whose_files_are_a_text(bags, tmp_path):
             list(opened.pairs())
 
 
-def test_a_truth_whose_stamps_are_no_times(tmp_path):
+def test_truth_with_invalid_stamps(tmp_path):
     path = tmp_path / 'truth.csv'
     path.write_text('stamp,speed\n1e200,20\n')
     with pytest.raises(InputError, match='line 2, stamp'):

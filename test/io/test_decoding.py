@@ -14,7 +14,7 @@ from stereo_speed.io.decoding import caught_chatter, decode_image, MOST_BYTES, s
 
 
 def encoded(kind, shape=(48, 64), **options):
-    """Give the bytes of a random image."""
+    """Return the bytes of a random image."""
     pixels = np.random.default_rng(1).integers(0, 256, shape, np.uint8)
     return cv2.imencode(kind, pixels, [v for o in options.items() for v in (
         getattr(cv2, o[0]), o[1])])[1].tobytes()
@@ -38,14 +38,14 @@ def png_of(width, height):
     encoded('.jpg'), encoded('.png'), encoded('.jpg', (48, 64, 3)),
     encoded('.jpg', IMWRITE_JPEG_PROGRESSIVE=1), encoded('.jpg', IMWRITE_JPEG_RST_INTERVAL=2)],
     ids=['jpeg', 'png', 'colour', 'progressive', 'restarts'])
-def test_whole_images_are_decoded_and_say_their_size(data, capfd):
+def test_whole_images_are_decoded_and_state_their_size(data, capfd):
     image, why = decoded(data)
     assert image.shape == (48, 64) and why == ''
     assert stated_size(data)[:2] == (64, 48)
     assert capfd.readouterr().err == ''
 
 
-def test_a_jpeg_that_opencv_would_fill_with_grey_is_refused(capfd):
+def test_jpeg_that_opencv_would_fill_with_grey_is_refused(capfd):
     data = encoded('.jpg')
     cut = data[:len(data) // 2] + b'\xff\xd9'
     assert cv2.imdecode(np.frombuffer(cut, np.uint8), cv2.IMREAD_GRAYSCALE) is not None
@@ -58,14 +58,14 @@ def test_a_jpeg_that_opencv_would_fill_with_grey_is_refused(capfd):
 
 @pytest.mark.parametrize('size', [(60000, 60000), (2 ** 31 - 1, 2 ** 31 - 1), (0, 5),
                                   (MOST_BYTES + 1, 1)])
-def test_sizes_that_no_camera_has_are_refused_undecoded(size, capfd):
+def test_unrealistic_sizes_are_refused_before_decoding(size, capfd):
     image, why = decoded(png_of(*size))
     assert image is None
     assert why == f'{size[0]}x{size[1]} px in {len(png_of(*size))} bytes'
     assert capfd.readouterr().err == ''
 
 
-def test_the_bytes_of_a_pixel_count_too():
+def test_bytes_per_pixel_count_too():
     """5000x5000 px fit as 8-bit grey, but not as 16-bit colour with transparency."""
     small, large = (stated_size(b'\x89PNG\r\n\x1a\n' + bytes(8) + struct.pack(
         '>IIBB', 5000, 5000, depth, kind)) for depth, kind in ((8, 0), (16, 6)))
@@ -73,14 +73,14 @@ def test_the_bytes_of_a_pixel_count_too():
     assert np.prod(small) <= MOST_BYTES < np.prod(large)
 
 
-def test_a_chunk_that_says_it_is_longer_than_the_file_is_refused():
+def test_chunk_longer_than_the_file_is_refused():
     data = bytearray(encoded('.png'))
     at = data.index(b'IDAT') - 4
     data[at:at + 4] = b'\xf0\x00\x00\x00'  # four gigabytes, which a decoder would allocate
     assert 'beyond the end' in decoded(bytes(data))[1]
 
 
-def test_a_jpeg_of_a_made_up_size_is_refused():
+def test_jpeg_of_a_false_size_is_refused():
     data = bytearray(encoded('.jpg'))
     at = data.index(b'\xff\xc0')
     data[at + 5:at + 9] = struct.pack('>HH', 65000, 65000)
@@ -89,14 +89,14 @@ def test_a_jpeg_of_a_made_up_size_is_refused():
 
 @pytest.mark.parametrize(
     'data', [b'', b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n', b'GIF89a', bytes(40)])
-def test_what_is_no_image_is_refused(data):
+def test_invalid_image_is_refused(data):
     image, why = decoded(data)  # libpng, of some versions of OpenCV, says more
     assert image is None and why.startswith(f'{len(data)} bytes that cannot be decoded')
     assert '\n' not in why
     assert stated_size(data) is None
 
 
-def test_lines_of_others_are_passed_on(capfd):
+def test_messages_of_other_code_are_passed_on(capfd):
     with caught_chatter() as lines:
         os.write(2, b'a log line\nCorrupt JPEG data: bad Huffman code\nanother\n')
         with caught_chatter() as inner:

@@ -8,7 +8,7 @@ from stereo_speed.core.errors import InputError
 from stereo_speed.io.exclusive import open_alone
 
 
-def test_one_at_a_time_and_the_next_goes_on(tmp_path):
+def test_one_run_at_a_time_and_the_next_appends(tmp_path):
     path = tmp_path / 'runs.jsonl'
     with open_alone(path, 'journal') as first:
         first.write('one\n')

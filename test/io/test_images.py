@@ -16,7 +16,7 @@ COLOUR = {'bgr8': (3, 'BGR'), 'rgb8': (3, 'RGB'), 'bgra8': (4, 'BGRA'), 'rgba8':
 
 @pytest.mark.parametrize('padding', [0, 5])
 @pytest.mark.parametrize('encoding', COLOUR)
-def test_colour_is_cvtcolor(bags, encoding, padding):
+def test_colour_equals_cvtcolor(bags, encoding, padding):
     channels, name = COLOUR[encoding]
     pixels = bags.picture(1, (12, 17, channels))
     grey = grey_from_message(bags.ros2.image(0, pixels, encoding, padding), 'bag')
@@ -43,7 +43,7 @@ def test_mono16_in_both_byte_orders(bags, big, padding):
 
 @pytest.mark.parametrize('encoding', ['bayer_rggb8', 'bayer_bggr8', 'bayer_gbrg8',
                                       'bayer_grbg8'])
-def test_bayer_of_one_colour_has_that_colours_grey(bags, encoding):
+def test_uniform_bayer_image_has_the_grey_of_its_colour(bags, encoding):
     """A flat scene of pure red, green or blue: the mosaic is built by its ROS name."""
     colours = {'r': (200, 0, 0), 'g': (0, 200, 0), 'b': (0, 0, 200)}
     cells = encoding[6:10]
@@ -57,14 +57,14 @@ def test_bayer_of_one_colour_has_that_colours_grey(bags, encoding):
 
 
 @pytest.mark.parametrize('wrap', [bytes, lambda d: array('B', d.tobytes()), np.asarray])
-def test_data_as_rclpy_or_rosbags_gives_it(bags, wrap):
+def test_data_of_rclpy_and_rosbags_is_decoded(bags, wrap):
     msg = bags.ros2.image(0, bags.picture(4))
     live = SimpleNamespace(**{n: getattr(msg, n) for n in (
         'height', 'width', 'encoding', 'is_bigendian', 'step')}, data=wrap(msg.data))
     np.testing.assert_array_equal(grey_from_message(live, 'topic'), bags.picture(4))
 
 
-def test_png_keeps_its_bits(bags):
+def test_png_keeps_its_bit_depth(bags):
     for dtype in (np.uint8, np.uint16):
         pixels = bags.picture(5, dtype=dtype)
         grey = grey_from_message(bags.ros2.compressed(0, pixels, 'png', 'anything'), 'bag')
@@ -72,7 +72,7 @@ def test_png_keeps_its_bits(bags):
         np.testing.assert_array_equal(grey, pixels)
 
 
-def test_jpeg_is_imdecode(bags):
+def test_jpeg_equals_imdecode(bags):
     smooth = cv2.GaussianBlur(bags.picture(6, (48, 64, 3)), (0, 0), 5)
     msg = bags.ros2.compressed(0, smooth, 'jpg', 'bgr8; jpeg compressed bgr8')
     grey = grey_from_message(msg, 'bag')
@@ -80,14 +80,14 @@ def test_jpeg_is_imdecode(bags):
     assert np.abs(grey.astype(int) - cv2.cvtColor(smooth, cv2.COLOR_BGR2GRAY)).max() < 12
 
 
-def test_png_in_colour_is_cvtcolor_to_rounding(bags):
+def test_colour_png_equals_cvtcolor_up_to_rounding(bags):
     pixels = bags.picture(7, (12, 16, 3))
     grey = grey_from_message(bags.ros2.compressed(0, pixels, 'png', 'bgr8; png'), 'bag')
     wanted = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
     assert np.abs(grey.astype(int) - wanted).max() <= 1
 
 
-def test_mosaic_compressed_as_it_is(bags):
+def test_compressed_mosaic_is_decoded(bags):
     pixels = bags.picture(8)
     msg = bags.ros2.compressed(0, pixels, 'png', 'bayer_rggb8; png compressed bayer_rggb8')
     raw = bags.ros2.image(0, pixels, 'bayer_rggb8')
@@ -106,7 +106,7 @@ def test_unknown_encoding(bags):
     ({'width': 0}, 'image size: found 0x12 px'),
     ({'data': np.zeros(0, np.uint8)}, 'image data: found 0 bytes'),
 ], ids=['step', 'short', 'empty', 'nothing'])
-def test_layout_that_does_not_fit(bags, change, told):
+def test_inconsistent_layout_is_refused(bags, change, told):
     msg = bags.ros2.image(0, bags.picture(1))
     fields = {n: getattr(msg, n) for n in ('height', 'width', 'encoding', 'is_bigendian',
                                            'step', 'data')}
@@ -116,7 +116,7 @@ def test_layout_that_does_not_fit(bags, change, told):
 
 @pytest.mark.parametrize('kind', ['jpg', 'png'])
 @pytest.mark.parametrize('share', [0.0, 0.02, 0.5, 0.98])
-def test_cut_image_is_refused(bags, kind, share):
+def test_truncated_image_is_refused(bags, kind, share):
     """Without the check OpenCV would fill the rest of a truncated JPEG with grey."""
     whole = bags.ros2.compressed(0, bags.picture(9, (64, 64)), kind)
     cut = SimpleNamespace(format=kind, data=whole.data[:int(share * len(whole.data))])
@@ -124,7 +124,7 @@ def test_cut_image_is_refused(bags, kind, share):
         grey_from_message(cut, 'bag')
 
 
-def test_bytes_that_are_no_image(bags):
+def test_bytes_of_no_image_are_refused(bags):
     junk = SimpleNamespace(format='jpeg', data=b'\xff\xd8\xff' + bytes(50) + b'\xff\xd9')
     with pytest.raises(BagError, match='55 bytes that cannot be decoded'):
         grey_from_message(junk, 'bag')

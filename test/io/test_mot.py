@@ -11,7 +11,7 @@ from stereo_speed.core.errors import InputError
 from stereo_speed.io.mot import boxes_text, load_truth
 
 
-def test_boxes_to_the_letter(estimate):
+def test_boxes_are_written_exactly(estimate):
     turned = estimate(2, 7, (10, 20, 8, 4), math.pi / 2)
     assert boxes_text([turned, estimate(2, 1), estimate(1, 7)]) == (
         '1,7,1.000,2.000,3.000,4.000,0.875,-1,-1,-1\n'
@@ -19,7 +19,7 @@ def test_boxes_to_the_letter(estimate):
         '2,7,12.000,18.000,4.000,8.000,0.875,-1,-1,-1\n')  # the upright box around it
 
 
-def test_boxes_there_and_back(written, estimate):
+def test_boxes_round_trip(written, estimate):
     rng = np.random.default_rng(0)
     estimates = [estimate(frame, number, rng.uniform(1, 700, 4), similarity=rng.uniform(0.1, 1))
                  for frame in range(1, 30, 3) for number in (2, 5)]
@@ -40,14 +40,14 @@ def test_truth_of_the_motchallenge(written):
 @pytest.mark.parametrize('line', [
     '1,1,2,3,4', '0,1,2,3,4,5', '1.5,1,2,3,4,5', '1,1.5,2,3,4,5', '1,1,2,3,0,5', '1,1,2,3,4,-5',
     '1,1,nan,3,4,5', '1,1,2,inf,4,5', 'frame,id,x,y,w,h', '1;1;2;3;4;5', '1,1,2,3,,5'])
-def test_truth_that_is_wrong(written, line):
+def test_invalid_truth_is_refused(written, line):
     path = written(f'1,1,2,3,4,5\n{line}\n', 'gt.txt')
     with pytest.raises(InputError, match=f'^{re.escape(str(path))}: line 2: found '
                                          f'{re.escape(repr(line))}, wanted frame,id,x,y,w,h'):
         load_truth(path)
 
 
-def test_truth_that_is_not_there(tmp_path, written):
+def test_missing_truth_is_refused(tmp_path, written):
     with pytest.raises(InputError, match=r'gt\.txt: file: found .*No such file'):
         load_truth(tmp_path / 'gt.txt')
     (tmp_path / 'gt.txt').write_bytes(b'\xff\xfe\x00')

@@ -37,7 +37,7 @@ def valid(text, schema):
     return json.loads(text)
 
 
-def test_a_measured_pass_to_the_letter():
+def test_measured_pass_is_written_exactly():
     assert valid(pass_text(RUN, MEASURED), PASS_SCHEMA) == {
         'stereo_speed_pass': 1, 'id': RUN + '-000007', 'run': RUN, 'track': 7, 'lane': 'near',
         'lane_to': 'far', 'direction': 'receding', 'first_stamp_ns': 1_700_000_000_000_000_001,
@@ -48,37 +48,37 @@ def test_a_measured_pass_to_the_letter():
         'vehicle': None}
 
 
-def test_a_rejected_pass_has_no_speed_and_a_reason():
+def test_rejected_pass_has_a_reason_and_no_speed():
     found = valid(pass_text(RUN, MEASURED.rejected('off_path')), PASS_SCHEMA)
     assert (found['verdict'], found['reason'], found['speed_mps'], found['std_parts_mps']) == (
         'rejected', 'off_path', None, None)
 
 
 @pytest.mark.parametrize('second', [SecondEstimate(24.4, 0.2, 9), SecondEstimate(None, None, 0)])
-def test_a_second_estimate_is_told(second):
+def test_second_estimate_is_included(second):
     found = valid(pass_text(RUN, replace(MEASURED, second=second)), PASS_SCHEMA)
     assert found['second']['speed_mps'] == second.speed_mps
 
 
 @pytest.mark.parametrize('name', list(VehicleClass))
-def test_a_vehicle_is_told(name):
+def test_vehicle_is_included(name):
     vehicle = VehicleKind(name, 0.8, 2.4, 0.08, 3.1, 0.12)
     found = valid(pass_text(RUN, replace(MEASURED, vehicle=vehicle)), PASS_SCHEMA)['vehicle']
     assert found == {'class': name.value, 'probability': 0.8, 'width_m': 2.4, 'width_std_m': 0.08,
                      'height_m': 3.1, 'height_std_m': 0.12}
 
 
-def test_the_schema_refuses_a_measured_pass_without_a_speed():
+def test_schema_refuses_a_measured_pass_without_a_speed():
     with pytest.raises(jsonschema.ValidationError):
         valid(pass_text(RUN, replace(MEASURED, speed_mps=None)), PASS_SCHEMA)
 
 
-def test_what_is_no_number_is_never_written():
+def test_non_finite_numbers_are_never_written():
     with pytest.raises(ValueError):
         pass_text(RUN, replace(MEASURED, speed_mps=math.nan))
 
 
-def test_no_two_runs_share_a_name():
+def test_run_names_are_unique():
     now = datetime(2026, 11, 22, 6, 30, tzinfo=timezone.utc)
     names = {new_run(now) for _ in range(1000)}
     assert len(names) == 1000 and all(name.startswith('20261122T063000Z-') for name in names)
@@ -100,7 +100,7 @@ def test_every_field_is_explained():
             assert f'| `{name}` |' in text, name
 
 
-def test_track_states_tell_what_is_a_measurement():
+def test_track_states_show_which_updates_are_measurements():
     pair = StereoPair(3, 10, 12, np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.uint8))
     updates = [TrackUpdate(10, track, 'near', state, 24.5, 0.1, 12.0, -0.5, np.zeros(3),
                            np.eye(3), np.eye(3), np.zeros((4, 2)), np.zeros((4, 2)))

@@ -36,7 +36,7 @@ def rows(path, what='*', table='passes'):
         database.close()
 
 
-def test_passes_and_readings_are_there_once_while_it_is_written(tmp_path):
+def test_passes_and_readings_are_stored_once_during_writing(tmp_path):
     path = tmp_path / 'log.sqlite'
     with PassLog(path) as log:
         assert log.add_pass(text(0)) and log.add_pass(text(1, None))
@@ -76,7 +76,7 @@ while True:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('after', [1, 8, 27])
-def test_a_killed_writer_loses_no_pass_it_has_told(tmp_path, after):
+def test_killed_writer_loses_no_committed_pass(tmp_path, after):
     path = tmp_path / 'log.sqlite'
     writer = subprocess.Popen([sys.executable, '-c', WRITER, str(path), os.path.dirname(__file__)],
                               stdout=subprocess.PIPE, text=True)

@@ -14,7 +14,7 @@ from stereo_speed.io.results import kind_of, passes_csv
 
 
 def passed(track, speed_mps=20.5, **changes):
-    """Make a pass."""
+    """Return a pass."""
     fields = {'lane': 'a, b', 'first_ns': 1_700_000_000_000_000_001, 'last_ns': 2 ** 62,
               'pairs': 7, 'speed_std_mps': 0.25, 'verdict': Verdict.MEASURED, 'reason': '',
               'smoothed': {}, 'smoothed_std': {}, **changes}
@@ -23,7 +23,7 @@ def passed(track, speed_mps=20.5, **changes):
 
 @pytest.fixture
 def runs(tmp_path):
-    """Two folders with passes, one without."""
+    """Return two folders with passes, one without."""
     folders = {}
     rejected = passed(4).rejected(Reason.OFF_PATH)
     for name, passes in {'b': [passed(3, 21.0), rejected], 'a': [passed(3)], 'c': []}.items():
@@ -33,7 +33,7 @@ def runs(tmp_path):
     return folders
 
 
-def test_both_tables_hold_every_pass(runs, tmp_path):
+def test_both_tables_contain_every_pass(runs, tmp_path):
     assert write_pass_tables(tmp_path, runs, {'d': 'no bag'}) == 3
     rows = parquet.read_table(tmp_path / PARQUET).to_pylist()
     database = sqlite3.connect(tmp_path / SQLITE)
@@ -50,7 +50,7 @@ def test_both_tables_hold_every_pass(runs, tmp_path):
     database.close()
 
 
-def test_the_same_runs_give_the_same_bytes(runs, tmp_path):
+def test_same_runs_give_the_same_bytes(runs, tmp_path):
     for name in ('one', 'two'):
         write_pass_tables(tmp_path / name, runs, {})
     for name in (PARQUET, SQLITE):
@@ -59,7 +59,7 @@ def test_the_same_runs_give_the_same_bytes(runs, tmp_path):
 
 @pytest.mark.parametrize(('text', 'wanted'), [
     ('track,lane\n', 'columns'), ('', 'columns'), ('2\n', 'cells'), ('x' + ',' * 17, 'numbers')])
-def test_another_table_is_refused_and_nothing_is_left(runs, tmp_path, text, wanted):
+def test_other_table_is_refused_and_no_files_are_left(runs, tmp_path, text, wanted):
     path = runs['b'] / 'passes.csv'
     head = path.read_text().splitlines(keepends=True)[0]
     columns = len(head.split(','))
@@ -74,5 +74,5 @@ def test_another_table_is_refused_and_nothing_is_left(runs, tmp_path, text, want
     ('first_ns', int), ('track', int), ('second_pairs', int), ('speed_mps', float),
     ('lane_to', str), ('verdict', str), ('class', str), ('class_probability', float),
     ('width_m', float)])
-def test_the_name_of_a_column_tells_its_type(column, kind):
+def test_column_name_determines_its_type(column, kind):
     assert kind_of(column) is kind

@@ -28,7 +28,7 @@ def same(a, b):
 
 @settings(max_examples=60, deadline=None)
 @given(FLOAT, FLOAT, st.integers(0, 2 ** 62), st.text(max_size=5))
-def test_records_come_back_the_same(x, y, ns, name):
+def test_records_round_trip(x, y, ns, name):
     update = TrackUpdate(
         stamp_ns=ns, track=3, lane=name, state=TrackState.COASTING, speed_mps=x, speed_std_mps=y,
         s_m=1 / 3, lateral_m=-x, position_m=np.array([x, y, 0.1]),
@@ -49,7 +49,7 @@ def test_records_come_back_the_same(x, y, ns, name):
     '{"!": "TrackUpdate", "v": {"stamp": 1}}', '{"!": "Verdict", "v": "guilty"}',
     '{"!": "array", "dtype": "?!", "v": 1}', '{"!": "array", "dtype": "<f8", "v": "x"}',
 ])
-def test_anything_else_is_one_line(text):
+def test_invalid_line_is_refused_in_one_line(text):
     with pytest.raises(InputError, match='records of a run') as error:
         record_of(text, 'file')
     assert '\n' not in str(error.value)

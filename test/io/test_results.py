@@ -30,7 +30,7 @@ def result(track, verdict=Verdict.MEASURED, speed=24.58, reason=''):
                       reason, {10: 24.5} if speed else {}, {10: 0.02} if speed else {})
 
 
-def test_tracks_to_the_letter():
+def test_tracks_are_written_exactly():
     text = tracks_csv([update(20, 0), update(10, 1, math.nan), update(10, 0)], [result(0)])
     assert text == (
         'stamp_ns,track,lane,state,speed_mps,speed_std_mps,smoothed_mps,s_m,lateral_m,x_m,y_m,'
@@ -42,7 +42,7 @@ def test_tracks_to_the_letter():
         '30.12346\n')
 
 
-def test_passes_to_the_letter():
+def test_passes_are_written_exactly():
     budget = SpeedBudget(matching_mps=0.03, path_mps=0.04, stamps_mps=0.0, calibration_mps=0.12)
     measured = replace(result(2), budget=budget, end='lost', lane_to='fast',
                        second=SecondEstimate(24.6, 0.05, 9), direction=Direction.RECEDING,
@@ -74,7 +74,7 @@ def test_summary_is_plain_sorted_json():
     assert text.endswith('}\n')
 
 
-def test_same_run_same_bytes_and_nothing_else_left(tmp_path):
+def test_same_run_gives_the_same_bytes_and_no_other_files(tmp_path):
     for name, order in (('a', 1), ('b', -1)):
         write_run(tmp_path / name, [update(10, 0), update(20, 0)][::order],
                   [result(0), result(1)][::order], {'seed': 0, 'versions': software_versions()})
@@ -93,7 +93,7 @@ def test_older_run_is_replaced_and_other_files_stay(tmp_path):
     assert (tmp_path / 'tracks.csv').read_text().startswith('stamp_ns,')
 
 
-def test_what_cannot_be_written_leaves_the_older_run_alone(tmp_path):
+def test_failed_write_leaves_the_older_run(tmp_path):
     (tmp_path / 'tracks.csv').write_text('old')
     with pytest.raises(AttributeError):
         write_run(tmp_path, [object()], [], {})  # type: ignore[list-item]
@@ -108,7 +108,7 @@ def test_folder_that_is_a_file(tmp_path):
         write_run(tmp_path / 'out' / 'deeper', [], [], {})
 
 
-def test_timings_are_those_of_the_stream():
+def test_timings_equal_those_of_the_stream():
     facts = stream_timings([10**18, 10**18 + 200_000_000, 10**18 + 600_000_001])
     assert facts == {'pairs': 3, 'first_ns': 10**18, 'last_ns': 10**18 + 600_000_001,
                      'duration_s': 0.600000001, 'shortest_interval_s': 0.2,

@@ -10,14 +10,14 @@ from stereo_speed.io.scene_map import check_map_size, load_map, load_regions
 from stereo_speed.monocular.regions import draw_map
 
 
-def test_map_there_and_back(tmp_path):
+def test_map_round_trip(tmp_path):
     labels = np.random.default_rng(0).choice(np.array([0, 128, 255], np.uint8), (20, 30))
     for name in ('map.png', 'map ü.bmp'):
         (tmp_path / name).write_bytes(cv2.imencode(name[-4:], labels)[1].tobytes())
         np.testing.assert_array_equal(load_map(tmp_path / name), labels)
 
 
-def test_maps_that_are_wrong(tmp_path):
+def test_invalid_maps_are_refused(tmp_path):
     path = tmp_path / 'map.png'
     with pytest.raises(InputError, match=r'map\.png: map: found No such file'):
         load_map(path)
@@ -67,7 +67,7 @@ def test_regions(written):
     ('kind: pathway', 'name: a, kind: pathway', r'regions\[1\]\.name'),
     ('regions:', 'areas:', 'areas'),
 ], ids=str)
-def test_regions_that_are_wrong(written, old, new, told):
+def test_invalid_regions_are_refused(written, old, new, told):
     assert old in REGIONS
     path = written(REGIONS.replace(old, new, 1))
     with pytest.raises(SiteError, match=told) as raised:

@@ -12,7 +12,7 @@ from stereo_speed.io.target_results import ends_text, targets_text, write_target
 from stereo_speed.monocular.boxes import TargetEnd, TargetState
 
 
-def test_targets_csv_to_the_letter(estimate):
+def test_targets_csv_is_written_exactly(estimate):
     text = targets_text([estimate(3, distance_px=math.inf),
                          estimate(2, angle_rad=math.pi / 6)])
     assert text == ('frame,id,x,y,w,h,angle_deg,d_px,d_rate_px\n'
@@ -20,7 +20,7 @@ def test_targets_csv_to_the_letter(estimate):
                     '3,1,1.000,2.000,3.000,4.000,0.000,inf,0.000\n')
 
 
-def test_ends_to_the_letter():
+def test_ends_are_written_exactly():
     ends = [TargetEnd(id=9, first_frame=2, last_frame=8, frames=3, state=TargetState.LOST),
             TargetEnd(id=1, first_frame=1, last_frame=5, frames=5, state=TargetState.LEFT_VIEW)]
     assert ends_text(ends) == ('id,first_frame,last_frame,frames,end\n1,1,5,5,left_view\n'

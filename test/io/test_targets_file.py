@@ -47,7 +47,7 @@ def test_targets(written):
     ('- {id: 4', '- {id: 4, id: 5', 'given twice'),
     ('targets:\n', 'targets: 7\nold:\n', 'found'),
 ], ids=str)
-def test_targets_that_are_wrong(written, old, new, told):
+def test_invalid_targets_are_refused(written, old, new, told):
     assert old in TARGETS
     path = written(TARGETS.replace(old, new, 1))
     with pytest.raises(SiteError, match=told) as raised:

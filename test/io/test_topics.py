@@ -25,7 +25,7 @@ def test_plain_pair():
     assert topics.infos == ('/s/left/camera_info', '/s/right/camera_info')
 
 
-def test_raw_goes_before_its_own_compressed():
+def test_raw_images_are_preferred_to_their_compressed_form():
     both = {t + '/compressed': C for t in RAW} | {t + '/compressedDepth': C for t in RAW}
     assert choose_topics({**RAW, **both, **INFOS}, (None, None), 'b').images == tuple(RAW)
     topics = choose_topics({**both, **INFOS}, (None, None), 'b')
@@ -40,7 +40,7 @@ def test_given_topics_need_no_side_in_their_names():
     assert topics.infos == ('/cam0/camera_info', '/cam1/camera_info')
 
 
-def test_calibration_elsewhere_is_found_by_its_side():
+def test_calibration_of_another_namespace_is_found_by_its_side():
     types = {**RAW, '/calib/left_info': INFO, '/calib/right_info': INFO}
     assert choose_topics(types, (None, None), 'b').infos == ('/calib/left_info',
                                                              '/calib/right_info')

@@ -42,7 +42,7 @@ def drive(rng, pairs):
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_rows_are_those_of_the_table_written_at_once(tmp_path, seed):
+def test_rows_equal_those_of_the_table_written_at_once(tmp_path, seed):
     steps = drive(np.random.default_rng(seed), 300)
     vehicles = {p.track for _, passes, _ in steps for p in passes}
     most = 0
@@ -59,7 +59,7 @@ def test_rows_are_those_of_the_table_written_at_once(tmp_path, seed):
     assert most <= 25 * max(len(tracks) for _, _, tracks in steps) * 2
 
 
-def test_a_run_without_vehicles_is_a_table_without_rows(tmp_path):
+def test_run_without_vehicles_has_a_table_without_rows(tmp_path):
     with TrackRows(tmp_path / 'new') as rows:
         rows.add([UPDATE], [], set())
         rows.save(tmp_path / 'tracks.csv')

@@ -37,7 +37,7 @@ def test_stamps_match_to_the_microsecond(tmp_path):
     assert np.isnan(speeds[3:]).all()
 
 
-def test_speed_alone_will_do(tmp_path):
+def test_speed_column_is_sufficient(tmp_path):
     one, = read_truth(written(tmp_path, 'stamp,speed\n1.5,20\n'))
     assert one.vehicle == 0
     assert np.isnan(one.position_m).all()
@@ -63,12 +63,12 @@ def test_faults_are_named(tmp_path, text, wanted):
         read_truth(written(tmp_path, text))
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_missing_file(tmp_path):
     with pytest.raises(InputError, match='readable'):
         read_truth(tmp_path / 'none.csv')
 
 
-def test_stamps_that_are_not_whole_milliseconds_are_exact(tmp_path):
+def test_stamps_other_than_whole_milliseconds_are_exact(tmp_path):
     # as floats both stamps are off by more than 100 ns: they have 53 bits for 61
     one, = read_truth(written(tmp_path, 'stamp,speed\n1700000000.123456,20\n'
                                         '1700000000.323456789,21\n'))

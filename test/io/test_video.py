@@ -15,7 +15,7 @@ COUNT = 12
 
 @pytest.fixture()
 def frames(bags):
-    """Give smooth images, each of another colour; smooth, so that JPEG hardly changes them."""
+    """Return smooth images of different colours; JPEG hardly changes smooth ones."""
     images = []
     for i in range(COUNT):
         rough = bags.picture(i, (48, 64, 3)).astype(np.float32)
@@ -51,7 +51,7 @@ def as_file(path, frames):
     return path
 
 
-def test_folder_file_and_bags_read_the_same(tmp_path, bags, frames):
+def test_folder_file_and_bags_give_the_same_frames(tmp_path, bags, frames):
     exact = [as_folder(tmp_path / 'folder', frames)]
     exact += [as_bag(bags, tmp_path / kind, frames, kind) for kind in ('mcap', 'sqlite3', 'ros1')]
     exact[-1] = tmp_path / 'ros1.bag'
@@ -74,7 +74,7 @@ def test_folder_file_and_bags_read_the_same(tmp_path, bags, frames):
     np.testing.assert_array_equal(gaps.argmin(axis=1), np.arange(COUNT))
 
 
-def test_frames_missing_of_a_file_that_breaks_off(tmp_path, bags, frames):
+def test_truncated_file_lacks_its_last_frames(tmp_path, bags, frames):
     path = as_file(tmp_path / 'video.avi', frames)
     assert [frames_missing(path, n) for n in (COUNT + 1, COUNT, COUNT - 1, COUNT - 2)] == [
         0, 0, 0, 2]  # a difference of one is within the accuracy of files
@@ -137,7 +137,7 @@ def test_topic_without_a_bag(tmp_path, frames):
         read_frames(as_folder(tmp_path / 'v', frames), '/a')
 
 
-def test_nothing_to_read(tmp_path):
+def test_empty_input(tmp_path):
     with pytest.raises(InputError, match='absent: video: found no such file or folder, wanted a'):
         read_frames(tmp_path / 'absent')
     (tmp_path / 'empty').mkdir()
@@ -168,7 +168,7 @@ def test_change_of_size_is_refused(tmp_path, bags, frames):
             list(read_frames(path))
 
 
-def test_bag_by_its_name_or_content(tmp_path, bags, frames):
+def test_bag_is_recognised_by_its_name_or_content(tmp_path, bags, frames):
     bag = as_bag(bags, tmp_path / 'bag', frames[:1])
     folder = as_folder(tmp_path / 'folder', frames[:1])
     assert is_bag(bag) and not is_bag(folder)
@@ -179,14 +179,14 @@ def test_bag_by_its_name_or_content(tmp_path, bags, frames):
         list(read_frames(bag))
 
 
-def test_hash_is_of_the_content(tmp_path, frames):
+def test_hash_is_that_of_the_content(tmp_path, frames):
     one, two = as_folder(tmp_path / 'a', frames[:2]), as_folder(tmp_path / 'b', frames[:2])
     assert hash_files(one) == hash_files(two)
     cv2.imwrite(str(two / 'frame_2.png'), frames[3])
     assert hash_files(one) != hash_files(two)
 
 
-def test_video_appears_when_whole(tmp_path, frames):
+def test_video_appears_only_when_complete(tmp_path, frames):
     path = tmp_path / 'out.avi'
     path.write_text('older')
     writer = VideoWriter(path, frames[0].shape)
@@ -199,6 +199,6 @@ def test_video_appears_when_whole(tmp_path, frames):
     assert len(list(read_frames(path))) == 3
 
 
-def test_video_that_cannot_be_written(tmp_path, frames):
+def test_unwritable_video(tmp_path, frames):
     with pytest.raises(InputError, match=r'out\.avi: video: found a file that cannot be written'):
         VideoWriter(tmp_path / 'absent' / 'out.avi', frames[0].shape)

@@ -17,7 +17,7 @@ RED, BLUE = (40, 40, 210), (200, 60, 30)  # BGR
 
 
 def pixels():
-    """Give the columns and rows (H, W) of the maps."""
+    """Return the columns and rows (H, W) of the maps."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     return columns, rows
 
@@ -28,14 +28,14 @@ def two_kinds(distance_px):
 
 
 def edge_distance(angle_deg, offset=0.37):
-    """Give the distance (H, W) to a line through the image's middle; its normal is at an angle."""
+    """Return the distance (H, W) to a line through the image's middle with a normal's angle."""
     columns, rows = pixels()
     turn = np.radians(angle_deg)
     return (columns - 100 - offset) * np.cos(turn) + (rows - 80) * np.sin(turn)
 
 
 def circle_distance(radius_px):
-    """Give the distance (H, W) to a circle, negative inside."""
+    """Return the distance (H, W) to a circle, negative inside."""
     columns, rows = pixels()
     return np.hypot(columns - CENTRE[0], rows - CENTRE[1]) - radius_px
 
@@ -59,7 +59,7 @@ def unit_normal(field, points):
 
 class Road:
     """
-    A textured plane, and blocks of a colour that move over it on arcs about its corner.
+    A textured plane, and coloured blocks that move over it on arcs about its corner.
 
     :param radius_px: of the middle of the road, a ring 36 px wide.
     """
@@ -79,7 +79,7 @@ class Road:
         self.field = DistanceField(self.map)
 
     def place(self, frame, radius_px=None, start_deg=80.0, step_deg=1.6):
-        """Give the centre (2,) of a block in a frame and its turn; it runs clockwise."""
+        """Return the centre (2,) of a block in a frame and its rotation; it moves clockwise."""
         turn = np.radians(start_deg - step_deg * (frame - 1))
         radius = self.radius_px if radius_px is None else radius_px
         centre = self.corner + radius * np.array([np.cos(turn), -np.sin(turn)])
@@ -101,7 +101,7 @@ class Road:
 
 @pytest.fixture(scope='session')
 def road():
-    """Give the road."""
+    """Return the road."""
     return Road()
 
 

@@ -20,14 +20,14 @@ A, B, C = (200, 40, 10), (20, 220, 90), (70, 70, 250)  # BGR
 
 
 def boxes(*rows, angle_rad=None):
-    """Give boxes from (centre x, centre y, width, height)."""
+    """Return boxes from (centre x, centre y, width, height)."""
     table = np.array(rows, dtype=float)
     angles = None if angle_rad is None else np.full(len(table), angle_rad)
     return Boxes(table[:, :2], table[:, 2:], angles)
 
 
 def histogram(bgr):
-    """Give the oracle: numpy's joint bins [4096] of pixels [n, 3], red first."""
+    """Return numpy's joint bins [4096] of pixels [n, 3], red first, as a reference."""
     counts = np.histogramdd(bgr[:, ::-1], bins=(16, 16, 16), range=[(0, 256)] * 3)[0]
     return counts.ravel() / counts.sum()
 
@@ -37,13 +37,13 @@ def flat(colour, shape=(100, 140)):
 
 
 def likelihood_of(image, found, config=PAPER, mark=None):
-    """Give log-likelihood, similarity and visible share of boxes, the first being the mark."""
+    """Return log-likelihood, similarity and visible share of boxes, the first being the mark."""
     frame = BinImage(image)
     target = Appearance(config, frame, found if mark is None else mark)
     return target.log_likelihood(frame, found)
 
 
-def test_marked_histogram_is_that_of_numpy():
+def test_marked_histogram_equals_numpy():
     """The mark is sampled 40 x 60: a box of that size has each of its pixels once."""
     image = np.random.default_rng(0).integers(0, 256, (100, 140, 3), dtype=np.uint8)
     target = Appearance(PAPER, BinImage(image), boxes((59.5, 49.5, 40, 60)))
@@ -57,8 +57,8 @@ def test_marked_histogram_is_that_of_numpy():
 
 
 @pytest.mark.parametrize('angle_deg', [20, -35, 70])
-def test_turned_box_has_the_pixels_inside_it(angle_deg):
-    """Oracle: pixels on the inner side of all four edges."""
+def test_rotated_box_contains_its_inner_pixels(angle_deg):
+    """Reference: pixels on the inner side of all four edges."""
     image = np.zeros((140, 140, 3), np.uint8)
     rows, columns = np.mgrid[:140, :140]
     image[..., 0] = 255 * (columns > 66)
@@ -78,8 +78,8 @@ def test_turned_box_has_the_pixels_inside_it(angle_deg):
     assert np.abs(upright.reference.histogram[0, :4096] - wanted).sum() > 0.2  # the angle matters
 
 
-def test_candidates_are_sampled_where_the_mark_is():
-    """Oracle: numpy's histogram at the pixels nearest to the 9 x 15 points."""
+def test_candidates_are_sampled_at_the_points_of_the_mark():
+    """Reference: numpy's histogram at the pixels nearest to the 9 x 15 points."""
     image = np.random.default_rng(1).choice(np.array([10, 100, 200], np.uint8), (90, 120, 3))
     mark, candidate = boxes((60, 45, 40, 60)), (52.3, 40.8, 33.0, 51.0)
     frame = BinImage(image)
@@ -106,7 +106,7 @@ def test_likelihood_of_half_a_target_by_hand():
 
 
 @pytest.mark.parametrize('angle_rad', [None, 0.4])
-def test_the_marked_box_itself_is_the_most_likely(angle_rad):
+def test_marked_box_is_the_most_likely(angle_rad):
     rng = np.random.default_rng(2)
     image = flat(C)
     image[30:62, 50:82] = A
@@ -118,7 +118,7 @@ def test_the_marked_box_itself_is_the_most_likely(angle_rad):
     assert np.all((alike >= 0) & (alike <= 1 + 1e-12)) and alike.min() < 0.9
 
 
-def test_what_is_outside_the_image_is_left_out():
+def test_points_outside_the_image_are_left_out():
     image = flat(A)
     found = boxes((0 - 0.5, 50, 40, 30), (139.5, 99.5, 40, 30), (-60, 50, 40, 30))
     frame = BinImage(image)
@@ -133,7 +133,7 @@ def test_what_is_outside_the_image_is_left_out():
                                target.reference.histogram)
 
 
-def test_bins_are_computed_once_and_for_any_part():
+def test_bins_are_computed_once_for_any_part():
     """A frame that was sampled elsewhere gives the same as a fresh one."""
     image = np.random.default_rng(3).integers(0, 256, (80, 90, 3), dtype=np.uint8)
     used, grid = BinImage(image), grid_points(7, 5)
@@ -144,7 +144,7 @@ def test_bins_are_computed_once_and_for_any_part():
                                           BinImage(image).sample(found, grid)[0])
 
 
-def test_parts_tell_top_from_bottom():
+def test_parts_distinguish_top_and_bottom():
     image = flat(A)
     image[50:] = B
     upside_down = image[::-1].copy()
@@ -156,7 +156,7 @@ def test_parts_tell_top_from_bottom():
         assert target.compare(BinImage(upside_down), mark)[0] == pytest.approx(wanted, abs=1e-9)
 
 
-def test_colours_of_the_surroundings_count_less():
+def test_colours_of_the_surroundings_weigh_less():
     """Reference half A, half B; surroundings all B, with weight 1 / (1 + 4 * 1 / 0.501)."""
     image = flat(B)
     image[35:65, 60:80] = A
@@ -169,7 +169,7 @@ def test_colours_of_the_surroundings_count_less():
         assert alike == pytest.approx(np.sqrt(0.5) * w / (0.5 + 0.5 * w))
 
 
-def test_contrast_refuses_a_box_that_is_too_small():
+def test_contrast_refuses_a_too_small_box():
     image = flat(B)
     image[30:70, 50:90] = A
     found = boxes((69.5, 49.5, 40, 40), (69.5, 49.5, 20, 20), (69.5, 49.5, 70, 70))
@@ -189,7 +189,7 @@ def test_ring_lies_around_the_box():
 
 
 @pytest.mark.parametrize('share', [0.0, 0.25, 1.0])
-def test_reference_is_renewed_by_its_share(share):
+def test_reference_is_updated_by_its_share(share):
     image = flat(A)
     image[:, 70:] = B
     mark, now = boxes((40, 50, 20, 30)), boxes((100, 50, 20, 30))
@@ -199,7 +199,7 @@ def test_reference_is_renewed_by_its_share(share):
     assert target.compare(BinImage(image), mark)[0] == pytest.approx(np.sqrt(1 - share))
 
 
-def test_what_another_target_occludes_is_left_out():
+def test_area_occluded_by_another_target_is_left_out():
     """The left half is occluded: the visible part is all A, and the rest counts as unseen."""
     image = flat(A)
     image[:, :60] = B
@@ -219,7 +219,7 @@ def test_what_another_target_occludes_is_left_out():
     np.testing.assert_allclose(target.compare(frame, boxes((50, 50, 10, 30))), [[0], [0], [1]])
 
 
-def test_background_is_not_occluded():
+def test_visible_background_is_not_occluded():
     """Where the ground is visible, no target is in front."""
     background = BackgroundModel(140, 100, 25, 100)
     background.learn(flat(C), [])
@@ -232,7 +232,7 @@ def test_background_is_not_occluded():
     np.testing.assert_allclose(seen, [0, 1])
 
 
-def test_nothing_is_more_than_alike():
+def test_similarity_never_exceeds_one():
     """A box full of the heavy colour, which the mark has in one half, and any other box."""
     image = flat(B)
     image[20:80, 40:60] = A
@@ -250,7 +250,7 @@ def test_nothing_is_more_than_alike():
             assert alike.min() >= 0 and 0.99 < alike.max() <= 1
 
 
-def test_usual_value_is_a_mean_then_a_running_one():
+def test_usual_value_is_a_mean_then_a_running_mean():
     usual, values = UsualValue(0.05), np.random.default_rng(5).uniform(0.3, 0.9, 20)
     assert usual.value == 0
     for value in values:
@@ -271,7 +271,7 @@ def test_unseen_part_counts_as_a_share_of_the_usual():
 
 
 @pytest.mark.parametrize('now, share', [((110, 40, 20, 30), 0.5), ((38, 28, 44, 44), 0.0)])
-def test_initial_box_is_sampled_again_once_its_background_is_known(now, share):
+def test_initial_box_is_resampled_once_its_background_is_known(now, share):
     """The left half of the box is ground, which becomes known when the target has left it."""
     background = BackgroundModel(140, 100, 25, 100)
     ground, there = flat(C), flat(C)
@@ -287,7 +287,7 @@ def test_initial_box_is_sampled_again_once_its_background_is_known(now, share):
         assert target.reference.histogram.sum() == pytest.approx(1)
 
 
-def test_reference_sampled_again_is_that_of_a_known_background():
+def test_resampled_reference_equals_that_of_a_known_background():
     """Oracle: the same box, marked when the background was already known."""
     rng = np.random.default_rng(6)
     ground = rng.integers(60, 80, (100, 140, 3), dtype=np.uint8)
@@ -305,7 +305,7 @@ def test_reference_sampled_again_is_that_of_a_known_background():
 
 
 @pytest.mark.parametrize('free_px, wanted', [(0, (0.0, 1.0)), (3, (0.15, 0.85)), (8, (1.0, 0.0))])
-def test_box_is_sampled_with_its_occluder_only_if_little_else_is_left(free_px, wanted):
+def test_occluder_is_sampled_only_if_little_else_is_left(free_px, wanted):
     """Of 20 columns, the left ones are free and A, the others occluded and B."""
     image = flat(B)
     image[:, :60 + free_px] = A
@@ -321,7 +321,7 @@ def test_box_is_sampled_with_its_occluder_only_if_little_else_is_left(free_px, w
     assert all(np.isfinite(v).all() for v in likelihood)
 
 
-def test_box_that_only_touches_the_image_is_sampled_at_its_edge():
+def test_box_touching_the_image_is_sampled_at_its_edge():
     image = flat(B)
     image[:, 0] = A
     target = Appearance(PAPER, BinImage(image), boxes((-50.4, 50, 100, 30)))
@@ -329,8 +329,8 @@ def test_box_that_only_touches_the_image_is_sampled_at_its_edge():
     assert target.compare(BinImage(image), boxes((0, 50, 0.5, 30)))[0] == pytest.approx(1)
 
 
-def test_box_sampled_again_has_no_colours_of_the_target_in_front():
-    """A is the target's, B that of the one before its right half, C the ground all about."""
+def test_resampled_box_has_no_colours_of_an_occluder():
+    """A is the target's, B that of the one before its right half, C the ground all around."""
     background = BackgroundModel(140, 100, 25, 100)
     there = flat(C)
     there[30:80, 50:70] = A

@@ -35,7 +35,7 @@ def test_nothing_is_background_before_it_was_seen():
 
 
 @pytest.mark.parametrize('off, seen', [(20, False), (30, True)])
-def test_contrast_that_tells(off, seen):
+def test_significant_contrast(off, seen):
     """A block of 12 by 8 px in one channel; the median rounds off one cell at each corner."""
     background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90), [])
@@ -48,7 +48,7 @@ def test_contrast_that_tells(off, seen):
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_a_rectangle_is_part_of_the_whole():
+def test_rectangle_is_part_of_the_whole():
     rng = np.random.default_rng(3)
     background = BackgroundModel(WIDTH + 1, HEIGHT + 1, 25, 100)  # odd sizes
     images = rng.integers(0, 50, (2, HEIGHT + 1, WIDTH + 1, 3), dtype=np.uint8)
@@ -60,7 +60,7 @@ def test_a_rectangle_is_part_of_the_whole():
     assert 0.1 < all_of_it.mean() < 0.9
 
 
-def test_what_a_target_hides_is_learnt_when_it_has_gone():
+def test_area_hidden_by_a_target_is_learnt_when_it_has_left():
     box = (10, 8, 12, 8)
     background = BackgroundModel(WIDTH, HEIGHT, 25, 100)
     background.learn(flat(90, box), [target(*box)])
@@ -72,7 +72,7 @@ def test_what_a_target_hides_is_learnt_when_it_has_gone():
     assert whole(background, flat(90, box))[10:14, 12:20].all()
 
 
-def test_mean_of_a_row_over_its_looks():
+def test_mean_of_a_row_over_its_updates():
     """Rows 0, 4, ... of the cells are learnt in frames 2, 6, ...: levels 60 and 90 after 30."""
     background = BackgroundModel(WIDTH, HEIGHT, 25, 1e5)
     background.learn(flat(30), [])

@@ -19,7 +19,7 @@ def drawn(box):
     return mask
 
 
-def test_overlap_is_that_of_drawn_boxes():
+def test_overlap_equals_that_of_drawn_boxes():
     rng = np.random.default_rng(0)
     a = np.concatenate([rng.integers(0, 30, (200, 2)), rng.integers(1, 30, (200, 2))], axis=-1)
     b = np.concatenate([rng.integers(0, 30, (200, 2)), rng.integers(1, 30, (200, 2))], axis=-1)
@@ -61,7 +61,7 @@ def test_envelope_and_corners_against_opencv(angle_deg):
 
 
 def test_envelope_by_hand():
-    """A square on its tip is wider by the root of two."""
+    """A square on its tip is wider by the square root of two."""
     side = 10 * np.sqrt(2)
     np.testing.assert_allclose(envelope(np.array([0, 0, 10.0, 10.0]), np.pi / 4),
                                [5 - side / 2, 5 - side / 2, side, side])
@@ -74,7 +74,7 @@ def test_envelope_by_hand():
     np.testing.assert_array_equal(envelope(unturned, 0.0), unturned)
 
 
-def test_upright_is_without_a_turn():
+def test_upright_box_has_no_rotation():
     box = np.array([0, 0, 2.0, 3.0])
     assert Target(id=1, frame=1, box_px=box).upright
     assert not Target(id=1, frame=1, box_px=box, angle_rad=0.01).upright

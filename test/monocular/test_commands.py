@@ -29,7 +29,7 @@ def turned_box(road, frame):
 
 
 def write_scene(folder, road, maps, gone=HIDDEN, frames=FRAMES):
-    """Write video, map, targets and truth; the block is not seen in the frames of ``gone``."""
+    """Write video, map, targets and truth; the block is hidden in the frames of ``gone``."""
     (folder / 'video').mkdir()
     lines = []
     for number in range(1, frames + 1):
@@ -59,7 +59,7 @@ def track(scene, out, *more):
 
 
 @pytest.mark.slow
-def test_same_input_gives_the_same_files_and_they_fit_together(scene, tmp_path):
+def test_same_input_gives_the_same_consistent_files(scene, tmp_path):
     for name in 'ab':
         assert track(scene, tmp_path / name, '--seed', '5') == 0
     files = sorted(p.name for p in (tmp_path / 'a').iterdir())
@@ -95,7 +95,7 @@ def test_stride_and_annotated_video(scene, tmp_path):
 
 
 @pytest.mark.slow
-def test_files_of_an_older_run_do_not_outlive_it(scene, tmp_path):
+def test_files_of_an_older_run_are_removed(scene, tmp_path):
     assert track(scene, tmp_path, '--annotate', '--particles', '20') == 0
     assert (tmp_path / 'annotated.avi').is_file()
     assert track(scene, tmp_path, '--particles', '20') == 0
@@ -103,7 +103,7 @@ def test_files_of_an_older_run_do_not_outlive_it(scene, tmp_path):
         'boxes.txt', 'ends.csv', 'summary.json', 'targets.csv']
 
 
-def test_summary_names_what_went_in(scene, tmp_path):
+def test_summary_names_the_inputs(scene, tmp_path):
     assert track(scene, tmp_path, '--particles', '20') == 0
     summary = json.loads((tmp_path / 'summary.json').read_text())
     for name, path in (('map', scene.map), ('init', scene.init)):
@@ -112,7 +112,7 @@ def test_summary_names_what_went_in(scene, tmp_path):
 
 
 @pytest.mark.slow
-def test_video_that_breaks_off_is_reported(scene, tmp_path, capsys):
+def test_truncated_video_is_reported(scene, tmp_path, capsys):
     whole, part = tmp_path / 'whole.avi', tmp_path / 'part.avi'
     writer = VideoWriter(whole, (200, 240, 3))
     for number in range(1, FRAMES + 1):
@@ -131,7 +131,7 @@ def test_video_that_breaks_off_is_reported(scene, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_target_that_stays_away_is_reported_as_lost(road, tmp_path, capsys):
+def test_target_that_stays_away_is_reported_as_lost(road, tmp_path, capsys):
     away = write_scene(tmp_path, road, SimpleNamespace(RED=(40, 40, 210)), range(12, 40), 40)
     config = tmp_path / 'config.yaml'
     config.write_text('hidden_frames: 10\n')
@@ -148,8 +148,8 @@ def test_environment_survives_a_bridge_in_a_bend_where_plain_does_not(scene, tmp
     """
     Straight on under the bridge ends 43 px beside the lane; the blocks are 13 px wide.
 
-    Eight seeds: were both as likely to keep it, all against at most three has a chance of at
-    most 0.4 %.
+    Eight seeds: if both were equally likely to keep it, all against at most three would have a
+    probability of at most 0.4 %.
     """
     assert main(['evaluate', '--video', str(scene.video), '--map', str(scene.map), '--init',
                  str(scene.init), '--truth', str(scene.truth), '--out', str(tmp_path), '--seeds',

@@ -28,7 +28,7 @@ NEARER_BOUND = {('particles', 'high'): 100, ('prior_rounds', 'high'): 40,
 WIDTH, HEIGHT, FRAMES = 120, 96, 12
 
 
-def test_config_there_and_back(tmp_path):
+def test_config_round_trips(tmp_path):
     path = tmp_path / 'file.yaml'
     path.write_text('{}')
     assert load_config(path, MonocularConfig) == MonocularConfig()
@@ -51,14 +51,14 @@ def test_shipped_files_hold_the_defaults_of_every_parameter():
     ('prior_noise: .nan', 'prior_noise'), ('particles: many', 'particles'),
     ('covering: 2', 'covering: found 2'),
     ('parts: 4\nsamples_down: 3', 'samples_down: found 3, wanted at least one for each of the 4')])
-def test_what_is_refused(tmp_path, text, found):
+def test_invalid_values_are_refused(tmp_path, text, found):
     path = tmp_path / 'file.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match=rf'file\.yaml: {found}'):
         load_config(path, MonocularConfig)
 
 
-def test_likelihood_of_the_paper_leaves_the_motion_as_it_is():
+def test_likelihood_of_the_paper_does_not_change_the_motion():
     paper = MonocularConfig(stop_chance=0.2, particles=77).with_paper_likelihood()
     changed = {f.name for f in fields(paper) if getattr(paper, f.name) != f.default}
     assert changed == {'stop_chance', 'particles', 'surround_weight', 'contrast_weight', 'parts',
@@ -67,7 +67,7 @@ def test_likelihood_of_the_paper_leaves_the_motion_as_it_is():
 
 class Crowd:
     """
-    People of one colour on textured ground, for whom every parameter has a part to play.
+    People of one colour on textured ground, for whom every parameter has an effect.
 
     1 walks in front; 2 walks behind, half occluded by 1 when marked, and vanishes for a while; 3
     walks out of the image; 4 stands until it is marked in frame 5; 5 is a box that rotates.
@@ -123,12 +123,12 @@ def crowd():
 
 @pytest.fixture(scope='module')
 def boxes(crowd):
-    """Return what the two trackers find with the default of every parameter."""
+    """Return the results of the two trackers with every parameter at its default."""
     return {tracker: list(crowd.run(FEW, tracker)) for tracker in ('environment', 'plain')}
 
 
 def bound(name, side):
-    """Return the least (low) or greatest (high) legal value of a parameter."""
+    """Return the minimum (low) or maximum (high) valid value of a parameter."""
     default = PARAMETERS[name].default
     if isinstance(default, bool):
         return side == 'high'
@@ -145,7 +145,7 @@ def test_every_parameter_changes_the_boxes(crowd, boxes, name):
 
 
 @pytest.mark.parametrize('seed', range(8))
-def test_every_config_that_loads_runs(crowd, seed):
+def test_every_valid_config_runs(crowd, seed):
     """Each parameter is drawn between its bounds or put on one of them."""
     rng = np.random.default_rng(seed)
     values = {}

@@ -30,8 +30,8 @@ def test_edge_along_the_grid_is_exact(maps):
 
 
 @pytest.mark.parametrize('angle_deg', ANGLES)
-def test_slanting_edge_to_a_quarter_of_a_pixel(maps, angle_deg):
-    """Labels of pixels tell where a slanting line is to about that only."""
+def test_slanting_edge_is_exact_to_a_quarter_of_a_pixel(maps, angle_deg):
+    """Pixel labels locate a slanting line only to about that."""
     wanted = maps.edge_distance(angle_deg)
     field = DistanceField(maps.two_kinds(wanted))
     columns, rows = maps.pixels()
@@ -58,7 +58,7 @@ def test_circle(maps, radius_px):
         assert np.sum(maps.unit_normal(field, points) * radial, axis=-1).min() > 0.99
 
 
-def test_third_kind_elsewhere_changes_nothing_here(maps):
+def test_third_kind_elsewhere_has_no_effect(maps):
     """A boundary is then traced from both its sides; its distance must stay that of the line."""
     for angle_deg in (37, 45, 63):
         labels = maps.two_kinds(maps.edge_distance(angle_deg))
@@ -68,8 +68,8 @@ def test_third_kind_elsewhere_changes_nothing_here(maps):
         assert np.abs(difference[40:120, 60:140]).max() < 0.02
 
 
-def test_distance_near_the_boundary_is_that_of_its_curve(maps):
-    """Oracle: the softened mask, enlarged 8 times, and OpenCV's exact transform of it."""
+def test_distance_near_the_boundary_equals_that_of_its_curve(maps):
+    """Reference: the softened mask, enlarged 8 times, and OpenCV's exact transform of it."""
     labels = maps.smooth_map(4, blur_px=10.0, shape=(60, 80))
     soft = cv2.GaussianBlur((labels == 255).astype(np.float64), (0, 0), 2.0,
                             borderType=cv2.BORDER_REPLICATE)
@@ -86,7 +86,7 @@ def test_distance_near_the_boundary_is_that_of_its_curve(maps):
 
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_random_map_against_brute_force(maps, seed):
-    """Oracle: the nearest of all sides between two pixels of different kind."""
+    """Reference: the nearest of all sides between two pixels of different kind."""
     labels = maps.smooth_map(seed, blur_px=12.0, shape=(90, 120), kinds=3)
     row, column = np.nonzero(labels[:, :-1] != labels[:, 1:])
     sides = [np.stack([column + 0.5, row], axis=-1)]
@@ -106,7 +106,7 @@ def test_random_map_against_brute_force(maps, seed):
 
 
 def test_random_map_against_opencv(maps):
-    """Oracle: distance to the nearest pixel of the other kind; the boundary is half-way."""
+    """Reference: distance to the nearest pixel of the other kind; the boundary is half-way."""
     labels = maps.smooth_map(5)
     path = (labels == 255).astype(np.uint8)
     outwards = cv2.distanceTransform(1 - path, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
@@ -115,7 +115,7 @@ def test_random_map_against_opencv(maps):
     assert error.max() < 1.5 and error.mean() < 0.4
 
 
-def test_looking_up_is_bilinear_and_stops_at_the_edge(maps):
+def test_lookup_is_bilinear_and_clamped_at_the_edge(maps):
     field = DistanceField(maps.smooth_map(6))
     points = np.random.default_rng(0).uniform((-9, -9), (maps.WIDTH + 9, maps.HEIGHT + 9),
                                               (400, 2))
@@ -126,7 +126,7 @@ def test_looking_up_is_bilinear_and_stops_at_the_edge(maps):
     assert field.level(points.reshape(20, 20, 2)).shape == (20, 20)
 
 
-def test_inaccessible_is_infinite_to_the_pixel_but_level_is_not(maps):
+def test_inaccessible_is_infinite_per_pixel_but_level_is_not(maps):
     labels = np.full((40, 60), 128, np.uint8)
     labels[:, :20], labels[10:20, 40:50] = 255, 0
     field = DistanceField(labels)
@@ -138,7 +138,7 @@ def test_inaccessible_is_infinite_to_the_pixel_but_level_is_not(maps):
     assert field.distance(points)[4] == pytest.approx(-19.5, abs=1e-3)  # that of the edge
 
 
-def test_beyond_the_image_nothing_is_inaccessible():
+def test_nothing_is_inaccessible_beyond_the_image():
     labels = np.zeros((20, 30), np.uint8)
     field = DistanceField(labels)
     points = np.array([[-0.6, 5.0], [-0.4, 5.0], [29.4, 19.4], [29.6, 5.0], [5.0, 19.6]])
@@ -155,7 +155,7 @@ def test_map_of_one_kind_is_far_from_everything(grey):
 
 
 def test_ridge_has_a_short_gradient():
-    """Along the middle of a lane both its edges are equally near."""
+    """In the middle of a lane both its edges are equally near."""
     labels = np.full((60, 80), 128, np.uint8)
     labels[20:41] = 255
     field = DistanceField(labels)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Adaptive dynamics (eq. 15-18): straight and round contours worked by hand, and a property."""
+"""Adaptive dynamics (eq. 15-18): straight and round contours by hand, and a property."""
 from __future__ import annotations
 
 import numpy as np
@@ -14,7 +14,7 @@ ROOT10 = np.sqrt(10)
 
 @pytest.fixture()
 def straight(maps):
-    """Give a field whose contours are the columns: d = x - 99.5."""
+    """Return a field whose contours are the columns: d = x - 99.5."""
     return DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
 
 
@@ -69,7 +69,7 @@ def test_circle_approached_at_a_rate(maps):
     np.testing.assert_allclose(found, [x, np.sqrt(speed ** 2 - x ** 2)], atol=0.25)
 
 
-def test_turn_is_that_of_the_tangent(maps, straight):
+def test_rotation_equals_that_of_the_tangent(maps, straight):
     field = DistanceField(maps.two_kinds(maps.circle_distance(50.0)))
 
     def at(degrees):
@@ -89,7 +89,7 @@ def test_turn_is_that_of_the_tangent(maps, straight):
 
 
 @pytest.mark.parametrize('seed', [0, 1, 2])
-def test_on_smooth_maps_the_contour_expected_is_met(maps, seed):
+def test_predicted_contour_is_reached_on_smooth_maps(maps, seed):
     field = DistanceField(maps.smooth_map(seed, blur_px=20.0))
     rng = np.random.default_rng(seed)
     point = rng.uniform((15, 15), (maps.WIDTH - 15, maps.HEIGHT - 15), (4000, 2))
@@ -112,7 +112,7 @@ def test_on_smooth_maps_the_contour_expected_is_met(maps, seed):
     assert np.median(kept) > 0.2  # what it would be without
 
 
-def test_on_a_ridge_everything_goes_on_as_it_was():
+def test_motion_on_a_ridge_is_unchanged():
     labels = np.full((60, 80), 128, np.uint8)
     labels[20:41] = 255
     field = DistanceField(labels)
@@ -122,8 +122,8 @@ def test_on_a_ridge_everything_goes_on_as_it_was():
     assert contour_rotation(field, point, point + velocity) == 0
 
 
-def test_box_in_the_middle_of_a_bent_lane_turns_with_it(maps):
-    """Both edges of the lane are equally near there, and run the same way."""
+def test_box_in_the_middle_of_a_bent_lane_rotates_with_it(maps):
+    """Both edges of the lane are equally near there, and have the same direction."""
     lane = np.abs(maps.circle_distance(55.0)) - 11
     field = DistanceField(maps.two_kinds(lane))
     turn = np.radians(np.arange(0, 361, 6.0))

@@ -27,7 +27,7 @@ def particles(velocity):
 
 
 @pytest.mark.parametrize('frames', [1.0, 3.0])
-def test_some_stop_and_the_others_go_on(frames):
+def test_some_particles_stop_and_the_others_continue(frames):
     config = replace(STILL, stop_chance=0.1, start_chance=0.5)
     velocity, new = stop_and_start(particles((3, 4))[1], frames, config,
                                    np.random.default_rng(1))
@@ -37,7 +37,7 @@ def test_some_stop_and_the_others_go_on(frames):
 
 
 @pytest.mark.parametrize('frames', [1.0, 3.0])
-def test_some_set_off_as_at_the_start(frames):
+def test_stopped_particles_start_as_initially(frames):
     """A target slower than 0.3 of the spread, which is 2 px, stands."""
     config = replace(STILL, start_speed=0.1, stop_chance=0.5, start_chance=0.1)
     velocity, new = stop_and_start(particles((0.3, 0.4))[1], frames, config,
@@ -49,14 +49,14 @@ def test_some_set_off_as_at_the_start(frames):
     np.testing.assert_allclose(velocity[new].std(axis=0), 0.1 * SCALE, rtol=0.1)
 
 
-def test_no_chance_no_change():
+def test_zero_probability_means_no_change():
     for velocity in ((3, 4), (0, 0)):
         config = replace(STILL, stop_chance=0.0, start_chance=0.0)
         found, new = stop_and_start(particles(velocity)[1], 1.0, config, np.random.default_rng(3))
         assert not new.any() and np.all(found == velocity)
 
 
-def test_target_that_stops_stays_where_it_is_and_keeps_its_distance(maps):
+def test_stopped_target_keeps_its_position_and_distance(maps):
     """Both models: a stopped particle does not move, and d does not change."""
     config = replace(STILL, stop_chance=0.25, horizon_noise=0.0)
     target, before = particles((3, 0))
@@ -74,7 +74,7 @@ def test_target_that_stops_stays_where_it_is_and_keeps_its_distance(maps):
             np.testing.assert_allclose(after.distance_rate_px[~stands], 3, atol=0.05)
 
 
-def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
+def test_particle_far_up_does_not_affect_the_horizons_of_others(maps):
     """Its foot is above all horizons; only its own horizon is changed."""
     config = replace(STILL, horizon_noise=0.05, start_chance=0.0)
     target, old = particles((0, 0))
@@ -90,7 +90,7 @@ def test_one_that_strays_far_up_leaves_the_horizons_of_the_others(maps):
     assert near.horizon_px[1:].mean() == pytest.approx(40, abs=0.2)
 
 
-def test_states_stay_finite_however_wild_the_noise(maps):
+def test_states_stay_finite_with_any_noise(maps):
     """A random walk of rates would overflow within 40 steps."""
     config = MonocularConfig(
         velocity_noise=1.0, position_noise=1.0, start_speed=2.0, stop_chance=0.0,

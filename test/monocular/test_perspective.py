@@ -48,7 +48,7 @@ def test_two_boxes_far_and_near_fix_the_horizon():
 
 
 def test_one_box_gives_a_rough_guess():
-    """A quarter of the camera's height: as high above the foot as four heights."""
+    """At a quarter of the camera's height the horizon is four heights above its foot."""
     config = MonocularConfig(mark_ratio=0.25, mark_ratio_spread=0.4, mark_height_spread=0.3)
     rows, p = horizon_posterior([target_at(1, 200, 20)], config)
     log_above = np.log(200 - rows)
@@ -58,7 +58,7 @@ def test_one_box_gives_a_rough_guess():
 
 
 def test_posterior_against_integration_of_the_common_ratio():
-    """Oracle: the common logarithm of the ratio on a grid of its own."""
+    """Reference: the common logarithm of the ratio on a grid of its own."""
     config = MonocularConfig()
     targets = [target_at(1, 100, 18), target_at(2, 170, 45), target_at(3, 130, 33)]
     rows, p = horizon_posterior(targets, config)
@@ -77,8 +77,8 @@ def still_particles(target, velocity, horizon, count=4):
     return replace(particles, velocity_px=np.tile(np.array(velocity, float), (count, 1)))
 
 
-def test_upright_size_goes_with_the_rows_below_the_horizon(maps):
-    """From row 100 to 104, horizon at 60: by a tenth; so does what is seen of its speed."""
+def test_upright_size_is_proportional_to_rows_below_the_horizon(maps):
+    """From row 100 to 104, horizon at 60: by a tenth; so is its image speed."""
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
     target = target_at(1, 100.0, 30.0, x=120.0)
     motion = EnvironmentMotion(field, STILL, target)
@@ -90,7 +90,7 @@ def test_upright_size_goes_with_the_rows_below_the_horizon(maps):
     np.testing.assert_allclose(log_weights, 0, atol=1e-6)
 
 
-def test_turned_box_keeps_its_size_and_turns_with_the_contour(maps):
+def test_rotated_box_keeps_its_size_and_rotates_with_the_contour(maps):
     field = DistanceField(maps.two_kinds(maps.circle_distance(50.0)))
     target = Target(id=1, frame=1, box_px=np.array([maps.CENTRE[0] + 55, maps.CENTRE[1] - 5,
                                                     10, 10.0]), angle_rad=np.pi / 2)
@@ -126,8 +126,8 @@ def test_plain_motion_without_noise_goes_straight_on(frames):
 
 
 @pytest.mark.parametrize('frames', [1.0, 4.0])
-def test_plain_motion_spreads_as_it_says(frames):
-    """Velocity by 0.03 of the size per axis and root of a frame, place by 0.02 more."""
+def test_plain_motion_has_the_configured_spread(frames):
+    """Velocity by 0.03 of the size per axis and square root of a frame, position by 0.02 more."""
     target = Target(id=1, frame=1, box_px=np.array([20, 30, 16, 4.0]))  # size 8
     config = replace(STILL, velocity_noise=0.03, position_noise=0.02)
     count = 20000
@@ -140,7 +140,7 @@ def test_plain_motion_spreads_as_it_says(frames):
 
 
 def test_mean_of_particles_by_hand():
-    """Sizes are averaged by their logarithm and turns on the circle."""
+    """Sizes are averaged by their logarithm and rotations on the circle."""
     zeros = np.zeros((2, 2))
     particles = Particles(
         point_px=np.array([[10.0, 20.0], [14.0, 28.0]]), velocity_px=zeros,
@@ -160,7 +160,7 @@ def test_mean_of_particles_by_hand():
                                [11 - np.sqrt(2), 22 - 4 * np.sqrt(2)])
 
 
-def test_resampled_particles_stay_whole():
+def test_resampled_particles_stay_consistent():
     target = Target(id=1, frame=1, box_px=np.array([20, 30, 16, 4.0]))
     particles = first_particles(target, 100, 0.1, np.arange(100.0), np.random.default_rng(0))
     weights = np.zeros(100)

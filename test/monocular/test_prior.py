@@ -29,7 +29,7 @@ def draw(count, rounds, seed, mean=MEAN):
 
 
 def gap(values, log_weights, wanted):
-    """Give the largest gap between the weighted and the wanted distribution function, and n."""
+    """Return the largest gap between the weighted and the wanted distribution function, and n."""
     order = np.argsort(values)
     weights = np.exp(log_weights[order])
     weights = weights / weights.sum()
@@ -40,11 +40,11 @@ def gap(values, log_weights, wanted):
 
 
 def bound(count):
-    """Give the gap of Kolmogorov that one draw in 10 000 exceeds."""
+    """Return the Kolmogorov gap that one draw in 10 000 exceeds."""
     return 2.23 / np.sqrt(count)
 
 
-def test_acceptance_is_the_ratio_of_densities():
+def test_acceptance_equals_the_ratio_of_densities():
     distance = np.array([3.0, 4.0, 1.0, np.inf])
     expected, std = np.array([3.0, 3.0, 2.5, 3.0]), np.array([0.5, 0.5, 1.5, 0.5])
     found = log_acceptance(distance, expected, std)
@@ -53,7 +53,7 @@ def test_acceptance_is_the_ratio_of_densities():
     np.testing.assert_allclose(np.exp(found), wanted)
 
 
-def test_sampler_draws_the_product():
+def test_sampler_draws_from_the_product():
     found, log_weights = draw(20000, 100, seed=1)
     assert np.all(log_weights == 0)  # all accepted
     assert stats.kstest(found[:, 0], WANTED.cdf).pvalue > 1e-3
@@ -64,7 +64,7 @@ def test_sampler_draws_the_product():
 
 
 @pytest.mark.parametrize('rounds', [1, 2, 4])
-def test_when_rounds_run_out_weights_keep_the_distribution(rounds):
+def test_weights_keep_the_distribution_when_rounds_run_out(rounds):
     found, log_weights = draw(60000, rounds, seed=2)
     left = np.mean(log_weights < 0)
     chance = np.exp(-MEAN ** 2 / (2 * (1 + STD ** 2))) * STD / np.sqrt(1 + STD ** 2)
@@ -88,7 +88,7 @@ def test_each_index_has_its_own_prior():
         assert stats.kstest(mine, stats.norm(mean, 0.5 / np.sqrt(1.25)).cdf).pvalue > 1e-3
 
 
-def test_what_cannot_be_accepted_is_kept_with_hardly_any_weight():
+def test_unacceptable_samples_are_kept_with_hardly_any_weight():
     rng = np.random.default_rng(4)
     found, log_weights = accept_reject(
         lambda index: index[:, None].astype(float),
@@ -99,7 +99,7 @@ def test_what_cannot_be_accepted_is_kept_with_hardly_any_weight():
 
 
 def moved(field, config, point, velocity, frames, seed, count=20000):
-    """Move particles that are all in one state; gives them, their weights and their size."""
+    """Move particles that are all in one state; return them, their weights and their size."""
     target = Target(id=1, frame=1, box_px=np.array([point[0] - 8, point[1] - 4, 16, 8.0]),
                     angle_rad=0.5)
     rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def moved(field, config, point, velocity, frames, seed, count=20000):
 
 @pytest.mark.parametrize('frames', [1.0, 3.0])
 @pytest.mark.parametrize('rounds', [2, 200])
-def test_motion_draws_dynamics_times_prior(maps, frames, rounds):
+def test_motion_draws_from_dynamics_times_prior(maps, frames, rounds):
     """Along columns: x is the product of eq. 19 and eq. 20, y that of eq. 19 alone."""
     field = DistanceField(maps.two_kinds(maps.pixels()[0] - 99.5))
     config = MonocularConfig(prior_rounds=rounds, velocity_noise=0.03, position_noise=0.04,
@@ -129,7 +129,7 @@ def test_motion_draws_dynamics_times_prior(maps, frames, rounds):
     assert gap(found.point_px[:, 0], log_weights, wrong)[0] > 2 * bound(len(found))
 
 
-def test_no_weight_goes_where_nothing_can_be():
+def test_inaccessible_places_get_no_weight():
     labels = np.full((100, 100), 128, np.uint8)
     labels[:, 60:], labels[:, :20] = 0, 255
     field = DistanceField(labels)

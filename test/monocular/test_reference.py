@@ -14,7 +14,7 @@ NOWHERE = np.zeros(ALL_BINS)  # colours in the surroundings
 
 
 def samples(bins, outside=None, occluded=None):
-    """Return what was sampled, from lists (N, M)."""
+    """Return the samples, from lists (N, M)."""
     masks = [None if m is None else np.array(m, dtype=bool) for m in (outside, occluded)]
     return Samples(np.array(bins, dtype=np.uint16), *masks)
 
@@ -57,8 +57,8 @@ def test_histogram_of_a_box_by_hand():
 
 
 @pytest.mark.parametrize(('least', 'wanted'), [(0.2, [1.0, 0.0]), (0.3, [0.25, 0.75])])
-def test_occluded_points_are_left_out_while_enough_is_free(least, wanted):
-    """Of four foreground points one is free; points of background do not count."""
+def test_occluded_points_are_left_out_while_enough_are_free(least, wanted):
+    """Of four foreground points one is free; background points do not count."""
     bins = [[7, 9, 9, 9, BACKGROUND, BACKGROUND]]
     occluded = [[False, True, True, True, False, False]]
     found = box_histogram(samples(bins, None, occluded), Layout.grid(6, 1, 1), least)[0]
@@ -66,8 +66,8 @@ def test_occluded_points_are_left_out_while_enough_is_free(least, wanted):
     np.testing.assert_allclose(share, wanted)
 
 
-def test_similarity_is_the_coefficient_of_each_part():
-    """Oracle: the coefficient of full histograms."""
+def test_similarity_equals_the_coefficient_of_each_part():
+    """Reference: the coefficient of full histograms."""
     rng = np.random.default_rng(0)
     layout, histogram = Layout.grid(5, 6, 3), random_histogram(rng, 3, 12)
     reference = Reference(histogram, NOWHERE, 4.0)
@@ -84,7 +84,7 @@ def test_similarity_is_the_coefficient_of_each_part():
     assert found.seen is None and np.all(found.visible == 1)
 
 
-def test_colours_weigh_by_how_rare_they_are_around():
+def test_colours_are_weighted_by_their_rarity_around():
     """Half 7, half 9; 9 is all around and counts 1 / (1 + 4 / 0.501)."""
     histogram, around = np.zeros((1, ALL_BINS)), np.zeros(ALL_BINS)
     histogram[0, [7, 9]], around[9] = 0.5, 1.0

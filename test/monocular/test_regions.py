@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Maps drawn from polygons, against a point-in-polygon test of another library."""
+"""Maps drawn from polygons, against another library's point-in-polygon test."""
 from __future__ import annotations
 
 from matplotlib.path import Path as Outline
@@ -15,14 +15,14 @@ def region(kind, *points):
 
 
 def star(rng, corners, centre, radius):
-    """Draw a polygon without crossings that is not convex."""
+    """Draw a non-convex polygon without crossings."""
     turn = np.sort(rng.uniform(0, 2 * np.pi, corners))
     reach = radius * rng.uniform(0.3, 1.0, corners)
     return centre + reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
 
 
 @pytest.mark.parametrize('seed', range(6))
-def test_pixels_are_those_whose_centre_is_inside(seed):
+def test_pixels_with_their_centre_inside_are_drawn(seed):
     rng = np.random.default_rng(seed)
     polygon = star(rng, rng.integers(3, 12), rng.uniform(15, 45, 2), rng.uniform(20, 60))
     rows, columns = np.mgrid[:50, :70]
@@ -41,7 +41,7 @@ def test_rectangle_by_hand():
 
 
 def test_crossing_outline_is_even_odd():
-    """A square gone round twice is empty; the inner square of a frame is a hole."""
+    """A square traversed twice is empty; the inner square of a frame is a hole."""
     square = np.array([[0.5, 0.5], [6.5, 0.5], [6.5, 6.5], [0.5, 6.5]])
     assert not polygon_mask(np.concatenate([square, square]), 8, 8).any()
     inner = 3.5 + (square - 3.5) / 3
@@ -53,7 +53,7 @@ def test_crossing_outline_is_even_odd():
 
 @pytest.mark.parametrize('corner', [(3.0, 4.0), (3.4, 4.7)])
 def test_neighbours_leave_no_gap_and_share_no_pixel(corner):
-    """Four quarters about a corner, on pixel centres and off them."""
+    """Four quarters around a corner, on pixel centres and off them."""
     x, y = corner
     quarters = [[(-9, -9), (x, -9), corner, (-9, y)], [(x, -9), (20, -9), (20, y), corner],
                 [corner, (20, y), (20, 20), (x, 20)], [(-9, y), corner, (x, 20), (-9, 20)]]

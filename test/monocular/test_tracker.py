@@ -55,7 +55,7 @@ def as_numbers(found):
 
 
 def overlaps(road, found, **lane):
-    """Give the overlap of each estimate's centred box with the true one, both unturned."""
+    """Return the overlap of each estimate's centred box with the true one, both unrotated."""
     return np.array([overlap(e.box_px, box_of(road.place(frame, **lane)[0]))
                      for (_, frame), e in found.items()])
 
@@ -81,7 +81,7 @@ def test_target_is_kept_round_the_bend(road, maps, seed, stride):
         1, 1, 31, len(found), TargetState.STREAM_ENDED)
 
 
-def test_marked_frame_gives_the_mark_itself(road, maps):
+def test_marked_frame_returns_the_mark_itself(road, maps):
     target = target_on(road, frame=4)
     found, _ = follow(road, drive(road, maps, 5), [target])
     assert list(found) == [(1, 4), (1, 5)]
@@ -93,7 +93,7 @@ def test_marked_frame_gives_the_mark_itself(road, maps):
 
 
 @pytest.mark.parametrize('tracker', ['environment', 'plain'])
-def test_same_seed_same_result_and_another_seed_another(road, maps, tracker):
+def test_same_seed_repeats_the_result_and_another_does_not(road, maps, tracker):
     images, targets = drive(road, maps, 8), [target_on(road)]
     first, again, other = (as_numbers(follow(road, images, targets, tracker=tracker,
                                              seed=seed)[0]) for seed in (3, 3, 4))
@@ -121,7 +121,7 @@ def maps_of_one_kind(road):
 
 
 def test_target_that_vanishes_is_occluded_then_lost(road, maps):
-    """Seen up to frame 12; eight frames later it is given up, and stays so."""
+    """Seen up to frame 12; it is lost eight frames later, and stays so."""
     images = drive(road, maps, 30, gone=range(13, 31))
     found, ends = follow(road, images, [target_on(road)])
     states = {n: e.state for (_, n), e in found.items()}
@@ -155,7 +155,7 @@ def test_target_that_drives_out_of_the_image_has_left(road, maps):
     assert 20 <= end.last_frame <= 27 and end.frames == len(found)
 
 
-def test_several_targets_do_not_disturb_one_another(road, maps):
+def test_several_targets_do_not_affect_each_other(road, maps):
     """Two of different colour side by side; with the paper's likelihood as if alone."""
     lanes = {1: {'radius_px': 139.0}, 5: {'radius_px': 121.0, 'start_deg': 72.0}}
     images = []
@@ -192,7 +192,7 @@ def passing_scene(road, maps, frames):
 
 
 @pytest.mark.slow
-def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road, maps):
+def test_target_passing_behind_another_is_kept_and_takes_no_pixels_of_it(road, maps):
     images, targets, boxes = passing_scene(road, maps, 33)
     kept = {}
     for covering in (False, True):
@@ -206,8 +206,8 @@ def test_target_that_passes_behind_another_is_kept_and_leaves_it_its_pixels(road
     assert kept == {False: 0, True: 3}  # without it they end up on the same block
 
 
-def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, monkeypatch):
-    """Stride 2, marked in frames 1 and 2: in frame 4 target 1 occludes where it is expected."""
+def test_nearest_target_occludes_in_frames_skipped_by_its_stride(road, maps, monkeypatch):
+    """Stride 2, marked in frames 1 and 2: in frame 4 target 1 occludes at its predicted place."""
     images, targets, boxes = passing_scene(road, maps, 5)
     targets = [replace(targets[0], frame=1), replace(targets[1], frame=2, box_px=boxes[2][1])]
     occluders = []
@@ -229,8 +229,8 @@ def test_nearest_occludes_also_in_a_frame_in_which_it_is_not_due(road, maps, mon
 
 
 @pytest.mark.parametrize('contrast', [0.0, 25.0])
-def test_target_marked_inside_the_box_of_a_nearer_one_is_followed(road, maps, contrast):
-    """All of it is occluded in the frame it is marked in, where no background is known."""
+def test_target_marked_inside_the_box_of_a_nearer_one_is_tracked(road, maps, contrast):
+    """It is wholly occluded in its first frame, where no background is known."""
     image = road.image([((150, 120), 0.0, (100, 80), maps.RED)], 1)
     targets = [Target(id=1, frame=1, box_px=np.array([100.0, 80, 100, 80])),
                Target(id=2, frame=1, box_px=np.array([120.0, 100, 20, 40]))]
@@ -238,7 +238,7 @@ def test_target_marked_inside_the_box_of_a_nearer_one_is_followed(road, maps, co
     assert (2, 2) in found and all(np.isfinite(e.box_px).all() for e in found.values())
 
 
-def test_target_that_stood_still_before_it_was_marked_is_no_background(road, maps):
+def test_target_that_stood_before_it_was_marked_is_no_background(road, maps):
     """It stands for 30 frames, all of them learnt, is marked in the last and walks off."""
     size, images, boxes = (16.0, 44.0), [], []
     for number in range(1, 56):
@@ -251,7 +251,7 @@ def test_target_that_stood_still_before_it_was_marked_is_no_background(road, map
 
 
 def upright_scene(road, maps, frames):
-    """Draw a block that stands upright, walks down and grows: a third of the rows below -20."""
+    """Draw an upright block that walks down and grows: a third of the rows below -20."""
     images, boxes = [], []
     for number in range(1, frames + 1):
         foot = np.array([120.0 + 0.5 * number, 60.0 + 4.0 * number])
@@ -263,7 +263,7 @@ def upright_scene(road, maps, frames):
     return images, np.array(boxes)
 
 
-def test_upright_target_grows_as_it_comes_nearer(road, maps):
+def test_upright_target_grows_as_it_approaches(road, maps):
     images, boxes = upright_scene(road, maps, 26)
     grown = []
     for seed in range(3):
@@ -289,12 +289,12 @@ def test_ends_are_reported_once_and_later_frames_have_no_estimates(road, maps):
     assert tracker.process(7, images[0]) == []
 
 
-def test_no_such_tracker(road):
+def test_unknown_tracker_is_refused(road):
     with pytest.raises(InputError, match=r"tracker: name: found 'gpf', wanted environment, plai"):
         MonocularTracker(road.field, [], CONFIG, tracker='gpf')
 
 
-def test_no_targets_no_estimates(road, maps):
+def test_no_targets_give_no_estimates(road, maps):
     tracker = MonocularTracker(road.field, [], CONFIG)
     assert tracker.process(1, drive(road, maps, 1)[0]) == []
     assert tracker.finish() == []

@@ -52,6 +52,6 @@ FLOATS = [(n, PointField.FLOAT32, 4 * k) for k, n in enumerate(('x', 'y', 'width
     (cloud(FLOATS, bytes(15), 16), 'data: found 15 bytes, wanted 16 for 1 points'),
     (cloud(FLOATS, struct.pack('<4f', 1, 2, float('nan'), 4), 16), 'not finite'),
 ], ids=['field', 'short', 'nan'])
-def test_what_is_no_box_is_refused(msg, words):
+def test_invalid_box_is_refused(msg, words):
     with pytest.raises(InputError, match=words):
         boxes_from_message(msg)

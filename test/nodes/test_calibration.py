@@ -56,7 +56,7 @@ def both(watch, f_px=1500.0):
         watch.take(side, info(side, f_px))
 
 
-def test_both_make_the_rig_and_a_bad_one_later_changes_nothing(watch):
+def test_both_calibrations_make_the_rig_and_a_later_bad_one_is_ignored(watch):
     assert level(watch) == WARN
     both(watch)
     version, rig = watch.current
@@ -69,7 +69,7 @@ def test_both_make_the_rig_and_a_bad_one_later_changes_nothing(watch):
     assert watch._refusals.tally.total == 2
 
 
-def test_an_uncalibrated_driver_is_waited_for(watch, clock):
+def test_uncalibrated_driver_is_waited_for(watch, clock):
     watch.take('left', CameraInfo(width=640, height=480))
     assert watch.current == (0, None)
     clock.s += 6.0
@@ -78,7 +78,7 @@ def test_an_uncalibrated_driver_is_waited_for(watch, clock):
     assert watch.current[0] == 1 and level(watch) == OK
 
 
-def test_another_calibration_is_believed_when_it_is_repeated(watch):
+def test_changed_calibration_is_accepted_when_repeated(watch):
     both(watch)
     for _ in range(2):
         both(watch, 1515.0)
@@ -89,7 +89,7 @@ def test_another_calibration_is_believed_when_it_is_repeated(watch):
     assert not watch.doubtful and level(watch) == OK
 
 
-def test_one_that_comes_once_is_believed_if_nothing_contradicts_it(watch, clock):
+def test_single_changed_calibration_is_accepted_if_not_contradicted(watch, clock):
     both(watch)
     both(watch, 1515.0)
     clock.s += 1.1
@@ -97,7 +97,7 @@ def test_one_that_comes_once_is_believed_if_nothing_contradicts_it(watch, clock)
     assert watch.current[0] == 2
 
 
-def test_the_known_one_ends_the_doubt(watch):
+def test_known_calibration_ends_the_doubt(watch):
     both(watch)
     watch.take('left', info('left', 1515.0))
     assert watch.doubtful
@@ -105,7 +105,7 @@ def test_the_known_one_ends_the_doubt(watch):
     assert not watch.doubtful and watch.current[0] == 1
 
 
-def test_a_rig_holds_from_its_calibration_to_the_next_doubt(watch):
+def test_rig_is_valid_from_its_calibration_to_the_next_doubt(watch):
     """Never for a pair between the doubt and the new rig."""
     assert watch.holds(0)
     both(watch)

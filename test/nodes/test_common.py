@@ -23,7 +23,7 @@ def handlers():
         signal.signal(one, handler)
 
 
-def test_who_asks_what_a_node_takes_is_told_and_gets_no_file(
+def test_help_of_a_node_is_printed_and_writes_no_file(
         private_graph, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['--help']) == 0
@@ -32,8 +32,7 @@ def test_who_asks_what_a_node_takes_is_told_and_gets_no_file(
 
 
 @pytest.mark.parametrize('one', [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
-        private_graph, tmp_path, one):
+def test_interrupt_raised_as_an_error_by_rclpy_ends_a_node(private_graph, tmp_path, one):
     def spin(node):
         try:
             os.kill(os.getpid(), one)
@@ -49,7 +48,7 @@ def test_an_interrupt_that_rclpy_makes_an_error_of_ends_a_node_all_the_same(
 
 
 @pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
-def test_a_node_that_is_told_twice_to_stop_ends_what_is_under_way(private_graph, tmp_path, again):
+def test_node_stopped_twice_completes_its_shutdown(private_graph, tmp_path, again):
     """As by Ctrl-C under ``ros2 launch``: the terminal signals both, and launch forwards it."""
     ended = []
 

@@ -39,7 +39,7 @@ def test_tracker_yaml_holds_the_defaults_of_every_parameter():
 
 
 def assert_whole(values, kind):
-    """Check that a mapping names every parameter of a record and of its sections."""
+    """Assert that a mapping names every parameter of a record and of its sections."""
     found = {f'{k}.{inner}' if isinstance(v, dict) else k for k, v in values.items()
              for inner in (v if isinstance(v, dict) else (None,))}
     assert found == {name for name, _ in parameters_of(kind)}
@@ -58,7 +58,7 @@ def test_node_parameters_hold_the_same_defaults():
 
 
 def declared(*modules):
-    """Return the parameters that modules of nodes declare themselves, with their defaults."""
+    """Return the parameters that node modules declare themselves, with their defaults."""
     calls = [call for module in modules for call in ast.walk(ast.parse(
         (ROOT / 'stereo_speed' / 'nodes' / f'{module}.py').read_text()))
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute)
@@ -79,7 +79,7 @@ def test_node_parameters_hold_what_the_tracker_node_declares():
                      if name not in ('site', 'init')}
 
 
-def test_layouts_stand_in_the_frame_of_the_road():
+def test_layouts_use_the_road_frame():
     """It has z up, and a name that does not depend on a camera driver."""
     road = declared('frames')['road_frame']
     rviz = yaml.safe_load((ROOT / 'config' / 'stereo_speed.rviz').read_text())
@@ -91,7 +91,7 @@ def test_layouts_stand_in_the_frame_of_the_road():
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)
-def test_launch_files_name_what_is_installed(path):
+def test_launch_files_name_installed_files(path):
     setup = (ROOT / 'setup.py').read_text()
     root = ElementTree.parse(path).getroot()
     nodes = list(root.iter('node'))
@@ -105,7 +105,7 @@ def test_launch_files_name_what_is_installed(path):
     assert nodes
 
 
-def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
+def test_launch_file_parameters_are_declared_by_the_nodes():
     measuring = ('lifecycle', 'measuring_settings', 'outputs')
     pairing = ('pairing', 'subscriptions')
     modules = {'stereo_sync_node': pairing, 'tracker_node': measuring,
@@ -123,7 +123,7 @@ def test_parameters_of_the_launch_file_are_declared_by_the_nodes():
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.xml')), ids=lambda p: p.name)
-def test_files_of_parameters_win_over_the_launch_file(path):
+def test_parameter_files_override_the_launch_file(path):
     """The last one wins, so files come last, and shipped ones omit what it sets."""
     root = ElementTree.parse(path).getroot()
     shipped = {arg.get('name'): arg.get('default').partition(')/')[2]
@@ -139,7 +139,7 @@ def test_files_of_parameters_win_over_the_launch_file(path):
         assert not {p.get('name') for p in params[:-1]} & set(given)
 
 
-def test_the_one_process_has_the_parameters_of_the_three():
+def test_single_process_has_the_parameters_of_the_three_nodes():
     three = yaml.safe_load((ROOT / 'config' / 'stereo_speed.params.yaml').read_text())
     one = yaml.safe_load((ROOT / 'config' / 'speed_camera.params.yaml').read_text())
     joined = {k: v for node in three.values() for k, v in node['ros__parameters'].items()}

@@ -20,7 +20,7 @@ class Failing:
         self.ended = True
 
 
-def test_a_node_that_fails_to_close_leaves_nothing_behind(in_process):
+def test_node_that_fails_to_close_leaves_nothing_behind(in_process):
     with pytest.raises(RuntimeError, match='still busy'), in_process(Failing) as node:
         assert rclpy.ok()
     assert node.ended and not rclpy.ok()

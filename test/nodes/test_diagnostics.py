@@ -11,7 +11,7 @@ from stereo_speed.nodes.diagnostics import Diagnostics  # noqa: E402, I100
 from stereo_speed.nodes.health import ERROR, OK, State  # noqa: E402
 
 
-def test_a_task_that_fails_costs_only_its_own_state(in_process):
+def test_failing_task_affects_only_its_own_status(in_process):
     told = []
     with in_process(lambda: rclpy.create_node('rig')) as node:
         diagnostics = Diagnostics(node, {'broken': lambda: 1 // 0, 'sound': lambda: State('well')})

@@ -38,7 +38,7 @@ def test_points_by_hand():
 
 
 def test_fields_describe_the_bytes():
-    """Oracle: the record type, by which numpy reads them."""
+    """Independent reference: the record type, by which numpy reads them."""
     message = tracks_message([], Header())
     assert [(f.name, f.offset) for f in message.fields] == [
         (name, RECORD.fields[name][1]) for name in FIELDS]

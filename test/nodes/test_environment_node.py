@@ -110,7 +110,7 @@ def parameters(scene, **more):
     return [f'{name}:={value}' for name, value in values.items()]
 
 
-def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, camera, tmp_path):
+def test_live_tracks_equal_the_command_and_a_jump_starts_anew(scene, camera, tmp_path):
     assert main(['track-environment', str(scene / 'video'), '--map', str(scene / 'map.png'),
                  '--init', str(scene / 'targets.yaml'), '--out', str(tmp_path), '--seed',
                  '4']) == 0
@@ -150,13 +150,12 @@ def test_live_tracks_equal_those_of_the_command_and_a_jump_starts_anew(scene, ca
 
 
 def values_of(told):
-    """Give the newest values of the node on /diagnostics."""
+    """Return the newest values of the node on /diagnostics."""
     found = [s for m in told for s in m.status if s.name.startswith('environment_node')]
     return {v.key: v.value for v in found[-1].values} if found else {}
 
 
-def test_a_target_marked_late_is_followed_as_if_it_had_been_marked_in_time(
-        scene, camera, tmp_path):
+def test_target_marked_late_is_tracked_as_if_marked_in_time(scene, camera, tmp_path):
     """Marked after frame 4, by the stamp of frame 2; a mark of no frame is refused."""
     (tmp_path / 'one.yaml').write_text(
         (scene / 'targets.yaml').read_text().replace('id: 3', 'id: 1'))
@@ -216,13 +215,13 @@ def test_marks_are_boxes_upright_or_rotated():
     [], [(1, 2)], [(1, 2), (1, 9)], [(1, 2), (float('nan'), 9)],
     [(0, 0), (20, 0), (25, 10), (5, 10)], [(0, 10), (20, 10), (20, 0), (0, 0)]],
     ids=['none', 'one', 'no width', 'nan', 'slanted', 'the wrong way round'])
-def test_what_is_no_box_is_refused(points):
+def test_invalid_box_is_refused(points):
     with pytest.raises(InputError, match='mark: polygon: found'):
         target_from_message(marked(*points), 1, 1)
 
 
 @pytest.mark.parametrize('dropped, stopped', [(7, []), (8, [3, 9])])
-def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped, stopped):
+def test_target_is_dropped_in_a_gap_longer_than_an_occlusion_may_last(dropped, stopped):
     found = []
     node = SimpleNamespace(
         counter=SimpleNamespace(number=40), targets=[], config=SimpleNamespace(hidden_frames=8),
@@ -231,7 +230,7 @@ def test_no_target_is_followed_over_a_gap_longer_than_it_may_be_occluded(dropped
     assert found == stopped
 
 
-def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good():
+def test_mark_of_a_missing_frame_is_reported_for_a_while_and_counted():
     times = [100.0]
     tallies = {name: kind(clock=lambda: times[0]) for name, kind in (
         ('arrivals', Arrivals), ('marks_missed', Tally))}
@@ -251,7 +250,7 @@ def test_a_mark_whose_frame_never_came_is_told_for_a_while_and_counted_for_good(
     assert levels == [WARN, OK]
 
 
-def test_dropped_repeated_and_missed_frames_are_reported_and_the_end_is_quiet(scene, camera):
+def test_dropped_repeated_and_missed_frames_are_reported(scene, camera):
     """Frames 1 to 3, 3 again, then 5 to 8; target 4 is marked in frame 4, which never arrives."""
     (scene / 'two.yaml').write_text(
         (scene / 'targets.yaml').read_text() + f'- {{id: 4, frame: 4, box: {list(BOX)}}}\n')

@@ -54,7 +54,7 @@ def told(sample):
     return json.loads(Instrument.of('run', place, PipelineConfig()).text())
 
 
-def test_lanes_are_fitted_again_only_where_more_than_the_self_test_is_another(node, told):
+def test_lanes_are_fitted_again_only_if_more_than_the_self_test_changed(node, told):
     places = []
     for change in ({}, {'self_test': PASSED}, {'site_name': 'another'}):
         told.update(change)
@@ -67,7 +67,7 @@ def test_lanes_are_fitted_again_only_where_more_than_the_self_test_is_another(no
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_an_error_until_a_record_is_written_again(
+def test_full_disk_is_an_error_until_a_record_is_written_again(
         node, sample, tmp_path, monkeypatch):
     """A pass that is sent again is the same; its record has the instrument's message."""
     with StereoBag(sample / 'bag') as bag:

@@ -40,7 +40,7 @@ def moved(transform, point):
     return Rotation.from_quat([q.x, q.y, q.z, q.w]).apply(point) + [t.x, t.y, t.z]
 
 
-def test_the_road_has_z_up_and_x_along_travel(place):
+def test_road_frame_has_z_up_and_x_along_travel(place):
     lane = next(iter(place.lanes.values()))
     road, _ = static_transforms(place.rig, lane, road='road', right='right')
     assert (road.header.frame_id, road.child_frame_id) == ('road', place.rig.frame_id)
@@ -50,7 +50,7 @@ def test_the_road_has_z_up_and_x_along_travel(place):
     assert moved(road, np.zeros(3))[2] > 2.0  # the camera is above the road
 
 
-def test_the_right_camera_stands_to_the_right_of_the_left_one(place):
+def test_right_camera_is_to_the_right_of_the_left_one(place):
     _, right = static_transforms(place.rig, next(iter(place.lanes.values())), road='road',
                                  right='right')
     assert (right.header.frame_id, right.child_frame_id) == (place.rig.frame_id, 'right')
@@ -61,8 +61,7 @@ def test_the_right_camera_stands_to_the_right_of_the_left_one(place):
 
 
 @pytest.mark.parametrize('installed', [True, False])
-def test_frames_are_told_once_for_all_where_the_message_is_installed(
-        place, installed, monkeypatch):
+def test_frames_are_published_once_where_their_message_is_installed(place, installed, monkeypatch):
     """Part of ROS, but not on PyPI; without it only a log line is written."""
     told, made, logged = [], [], []
 
@@ -84,7 +83,7 @@ def test_frames_are_told_once_for_all_where_the_message_is_installed(
         ('road_b', place.rig.frame_id), (place.rig.frame_id, 'stereo_right_optical_frame')]
 
 
-def test_what_is_not_measured_is_marked_unknown():
+def test_unmeasured_values_are_marked_unknown():
     track = odometry(UPDATE, 'left')
     assert track.twist.covariance[0] == pytest.approx(0.01)
     for k in range(1, 6):
@@ -97,7 +96,7 @@ def test_what_is_not_measured_is_marked_unknown():
         assert speed_of(odometry(replace(UPDATE, state=state), 'left')) is None
 
 
-def test_lanes_replace_all_that_were_drawn_and_markers_live_as_long_as_told(place):
+def test_lanes_replace_all_earlier_markers_and_lifetimes_are_as_set(place):
     drawn = path_markers(place.lanes, 'left')
     assert drawn[0].action == Marker.DELETEALL
     assert [m.action for m in drawn[1:]] == [Marker.ADD] * len(place.lanes)

@@ -34,7 +34,7 @@ def level_of(tell, *words):
     return state.level
 
 
-def test_a_tally_forgets_what_is_long_ago_and_gives_the_rate(clock):
+def test_tally_forgets_old_events_and_gives_the_rate(clock):
     tally = Tally(clock)
     for _ in range(20):
         clock.s += 0.1
@@ -45,7 +45,7 @@ def test_a_tally_forgets_what_is_long_ago_and_gives_the_rate(clock):
     assert (tally.recent, tally.total, tally.rate_hz) == (0, 20, 0.0)
 
 
-def test_a_tally_nobody_asks_holds_no_more_than_what_is_of_late(clock):
+def test_tally_that_is_never_read_stays_small(clock):
     """Otherwise it would grow with every image."""
     tally = Tally(clock)
     for _ in range(10_000):
@@ -55,7 +55,7 @@ def test_a_tally_nobody_asks_holds_no_more_than_what_is_of_late(clock):
     assert len(tally._events) <= WINDOW_S / 0.1 + 1
 
 
-def test_a_tally_is_counted_in_one_thread_and_asked_in_another():
+def test_tally_can_be_counted_and_read_in_different_threads():
     """Without a lock the reader would meet a queue that changes during iteration."""
     tally = Tally()
 
@@ -72,7 +72,7 @@ def test_a_tally_is_counted_in_one_thread_and_asked_in_another():
     assert tally.total == 40_000
 
 
-def test_refusals_are_logged_once_a_second_for_each_topic_and_are_over_after_a_while(clock):
+def test_refusals_are_logged_once_a_second_per_topic_and_expire(clock):
     lines = []
     refusals = Refusals(lines.append, clock)
     for _ in range(24):
@@ -89,7 +89,7 @@ def test_refusals_are_logged_once_a_second_for_each_topic_and_are_over_after_a_w
     assert (state.level, state.message, state.values['refused']) == (OK, 'fine', 25)
 
 
-def test_silence_is_an_error_until_something_comes(clock):
+def test_silence_is_an_error_until_a_message_comes(clock):
     arrivals = Arrivals(clock)
     assert level_of(arrivals.tell, 'image', 'image') == WARN  # none yet
     for _ in range(3):
@@ -104,7 +104,7 @@ def test_silence_is_an_error_until_something_comes(clock):
     assert level_of(arrivals.tell, 'image', 'image') == OK
 
 
-def test_a_slow_stream_is_not_silent(clock):
+def test_slow_stream_is_not_silent(clock):
     arrivals = Arrivals(clock)
     for _ in range(3):
         clock.s += 3.0
@@ -125,13 +125,13 @@ def test_lost_images_are_counted_by_their_stamps(share):
     assert counted == pytest.approx(true, abs=0.05 * true + 0.5)
 
 
-def test_of_uneven_intervals_nothing_is_counted_as_lost():
+def test_uneven_intervals_do_not_count_as_lost_images():
     gaps = StampGaps()
     stamps = np.cumsum(np.random.default_rng(2).uniform(0.9, 1.3, 300)) * PERIOD_NS
     assert sum(gaps.add(int(ns)) for ns in stamps) == 0
 
 
-def test_a_clock_that_is_set_loses_no_images():
+def test_setting_the_clock_does_not_count_as_lost_images():
     gaps = StampGaps()
     stamps = PERIOD_NS * np.arange(100)
     stamps[50:] += 3_600_000_000_000
@@ -143,7 +143,7 @@ def picture(seed, mean=100.0):
     return noise.clip(0, 255).astype(np.uint8)
 
 
-def test_frozen_images_are_told_and_forgotten(clock):
+def test_frozen_images_are_reported_and_expire(clock):
     look = Look(clock)
     for _ in range(6):
         clock.s += 0.3
@@ -154,7 +154,7 @@ def test_frozen_images_are_told_and_forgotten(clock):
     assert level_of(look.tell, 'left') == OK
 
 
-def test_one_pixel_tells_a_new_image():
+def test_one_different_pixel_makes_a_new_image():
     repeats, other = Repeats(), picture(0)
     assert not repeats.add(picture(0)) and repeats.add(picture(0))
     other[3, 5] ^= 1
@@ -164,7 +164,7 @@ def test_one_pixel_tells_a_new_image():
 
 @pytest.mark.parametrize('changing', [1, 2])
 @pytest.mark.parametrize('grey, word', [(0, 'black'), (180, 'without contrast')])
-def test_images_that_show_nothing_are_told(clock, grey, word, changing):
+def test_blank_images_are_reported(clock, grey, word, changing):
     look = Look(clock)
     for k in range(6):
         clock.s += 0.3

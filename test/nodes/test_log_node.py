@@ -15,7 +15,7 @@ from stereo_speed.nodes.health import ERROR, OK  # noqa: E402
 from stereo_speed.nodes.log_node import LogNode  # noqa: E402
 
 
-def test_readings_that_are_written_again_end_the_fault(in_process, tmp_path):
+def test_fault_ends_when_readings_are_written_again(in_process, tmp_path):
     with in_process(LogNode, f'file:={tmp_path / "passes.sqlite"}') as node:
         node.failed(sqlite3.OperationalError('database or disk is full'))
         node.sync()  # without anything to write, so the disk's state is unknown

@@ -31,7 +31,7 @@ class Failing:
         raise self.error
 
     def close(self, most_s=0.0):
-        """Be closed."""
+        """Remember the call."""
         self.closed = True
 
 
@@ -49,7 +49,7 @@ def node(in_process, sample):
         yield node
 
 
-def test_each_state_and_a_jump_of_time_are_told(node):
+def test_each_state_and_a_jump_of_time_are_reported(node):
     measuring = node.measuring
     assert (measuring.state().level, measuring.state().message) == (WARN, 'not configured')
     node.trigger_configure()
@@ -65,7 +65,7 @@ def test_each_state_and_a_jump_of_time_are_told(node):
 
 
 @pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])
-def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
+def test_hurrying_most_pairs_is_reported(node, every, told):
     node.trigger_configure()
     node.trigger_activate()
     for k in range(30):
@@ -76,7 +76,7 @@ def test_it_is_told_when_most_pairs_are_hurried(node, every, told):
     assert state.level == WARN or not told
 
 
-def test_without_hurry_no_pair_is(in_process, sample):
+def test_with_hurrying_disabled_no_pair_is_hurried(in_process, sample):
     with in_process(TrackerNode, f'site:={sample / "site.yaml"}', 'hurry:=false') as node:
         node.trigger_configure()
         node.trigger_activate()
@@ -88,14 +88,14 @@ def test_without_hurry_no_pair_is(in_process, sample):
         assert queue.take(0.0) == 'pair' and not queue.hurried
 
 
-def test_a_pass_that_cannot_be_told_to_the_process_is_measured_here_without_a_fault(node):
+def test_pass_that_cannot_be_sent_to_the_process_is_measured_here(node):
     process = given(node, OnlyHereError('cannot be pickled'))
     for _ in range(2):
         assert node.measuring._measured(lambda: 'result') == 'result'
     assert (process.asked, process.closed, node.measuring._passer.fault) == (2, False, '')
 
 
-def test_a_process_of_the_passes_that_fails_is_closed_and_told_and_not_asked_again(node):
+def test_failed_pass_process_is_closed_reported_and_not_used_again(node):
     process = given(node, PassProcessError('it has ended'))
     for _ in range(2):
         assert node.measuring._measured(lambda: 'result') == 'result'

@@ -27,12 +27,12 @@ def told(steps, pipeline):
     return state.level, state.message, state.values['clock_steps']
 
 
-def test_a_step_of_the_clock_is_told():
+def test_step_of_the_clock_is_reported():
     assert told(ClockSteps(), stepped(1)) == (
         WARN, 'the clock stepped by +30.0 ms: passes at that moment are rejected', 1)
 
 
-def test_steps_of_another_pipeline_are_counted_from_its_own_start():
+def test_steps_of_a_new_pipeline_are_counted_from_its_start():
     """Otherwise the first check after a new calibration finds fewer steps, and warns."""
     now_s = [0.0]
     steps, before = ClockSteps(lambda: now_s[0]), stepped(3)
@@ -46,7 +46,7 @@ def test_steps_of_another_pipeline_are_counted_from_its_own_start():
     ('resets', WARN, 'stamps jumped back'),
     ('skipped', WARN, 'measuring does not keep up: 1 pairs'),
     ('frozen', WARN, '1 pairs withheld'), ('failed', ERROR, 'measuring failed 1 times')])
-def test_what_goes_wrong_is_told_with_its_count(name, level, says):
+def test_faults_are_reported_with_their_counts(name, level, says):
     counts, state = Counts(), State('fine')
     counts.tell(state)
     assert (state.level, state.message) == (OK, 'fine')
@@ -55,7 +55,7 @@ def test_what_goes_wrong_is_told_with_its_count(name, level, says):
     assert state.level == level and says in state.message and state.values[name] == 1
 
 
-def test_latencies_are_told_once_there_are_any():
+def test_latencies_are_reported_once_there_are_any():
     counts, state = Counts(), State('fine')
     counts.tell(state)
     assert 'latency_p50_s' not in state.values
@@ -67,7 +67,7 @@ def test_latencies_are_told_once_there_are_any():
 @pytest.mark.parametrize(('lag', 'level', 'says'), [
     ({'std_s': 3e-3}, ERROR, 'not known yet'), ({'correction_s': 5e-3}, WARN, 'corrected'),
     ({'constant': True}, WARN, 'corrected'), ({}, WARN, 'as the exposures are')])
-def test_what_the_images_say_of_stamps_apart_is_told(lag, level, says):
+def test_image_evidence_on_the_lag_between_views_is_reported(lag, level, says):
     known = {'gap_s': 5e-3, 'looks': 9, 'correction_s': 0.0, 'std_s': 1e-3, 'constant': False}
     state = State('fine')
     tell_stamps(SimpleNamespace(uneven_stamps_s=None, view_lag=SimpleNamespace(

@@ -31,14 +31,14 @@ class Looks:
         return OrderWatch(self, lambda: self.now_s)
 
 
-def test_the_first_look_is_waited_for():
+def test_first_check_is_waited_for():
     for answer, crossed in ((True, True), (False, False), (None, False)):
         watch = Looks(answer).watch()
         assert watch.take(None, 'pair') is crossed and watch.crossed is crossed
         watch.close()
 
 
-def test_later_looks_are_taken_in_with_a_later_pair():
+def test_later_checks_are_taken_in_with_a_later_pair():
     looks = Looks(False, True)
     watch = looks.watch()
     watch.take(None, 0)
@@ -52,12 +52,12 @@ def test_later_looks_are_taken_in_with_a_later_pair():
     assert looks.over.acquire(timeout=LONG_S)
     watch.close()
     end_s = time.monotonic() + LONG_S
-    while not watch.take(None, 3):  # as soon as it is known, in the time a thread takes
+    while not watch.take(None, 3):  # until the thread has finished
         assert time.monotonic() < end_s
     assert looks.pairs == [0, 2]
 
 
-def test_while_they_are_crossed_each_look_is_waited_for():
+def test_each_check_is_waited_for_while_the_views_are_swapped():
     looks = Looks(True, None, False)
     watch = looks.watch()
     assert watch.take(None, 0)

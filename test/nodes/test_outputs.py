@@ -44,7 +44,7 @@ def place(sample):
         return MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
 
 
-def test_the_instrument_is_told_again_with_each_self_test_and_calibration(told, outputs, place):
+def test_instrument_is_published_with_each_self_test_and_calibration(told, outputs, place):
     pipeline = place.pipeline(PipelineConfig())
     outputs.tell_self_test(None)
     outputs.begin(pipeline, place, PipelineConfig())
@@ -58,7 +58,7 @@ def test_the_instrument_is_told_again_with_each_self_test_and_calibration(told, 
     assert len(told['lane_markers']) == 2  # the lanes stand as they did
 
 
-def test_a_self_test_that_is_passed_before_the_rig_is_known_is_told_with_it(told, outputs, place):
+def test_self_test_passed_before_the_rig_is_known_is_published_with_it(told, outputs, place):
     outputs.tell_self_test(PASSED)
     assert not told['instrument']
     outputs.begin(place.pipeline(PipelineConfig()), place, PipelineConfig())

@@ -25,7 +25,7 @@ def test_pair_and_both_stamps_come_back(kind):
     np.testing.assert_array_equal(grey_from_message(msg, ''), np.vstack([left, right]))
 
 
-def test_an_image_that_is_no_pair_is_refused():
+def test_image_that_is_no_pair_is_refused():
     msg = image_message(np.zeros((8, 6), np.uint8), ns=1, frame_id='left')
     with pytest.raises(InputError, match='right stamp'):
         pair_from_message(msg, 0)

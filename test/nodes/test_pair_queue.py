@@ -39,12 +39,12 @@ def served(period_s, work_s, pairs, most_wait_s=1.0):
     return out, delays, skipped
 
 
-def test_who_keeps_up_serves_all():
+def test_fast_worker_serves_all():
     out, delays, skipped = served(0.033, 0.03, 300)
     assert out == list(range(300)) and skipped == 0 and max(delays) < 0.07
 
 
-def test_a_short_delay_is_made_good():
+def test_short_delay_is_caught_up():
     clock = Clock()
     queue = PairQueue(1.0, 100, clock)
     for k in range(20):
@@ -63,7 +63,7 @@ def test_overload_serves_the_newest_and_counts_the_others(work_s):
     assert out[-1] == 1499
 
 
-def test_after_the_overload_nothing_is_skipped_again():
+def test_nothing_is_skipped_after_the_overload():
     clock = Clock()
     queue = PairQueue(0.5, 100, clock)
     queue.put(0)
@@ -80,9 +80,8 @@ def hurried_stream(work_s, lasts_s, most_wait_s=2.0, starts_s=0.0, period_s=0.03
     """
     Serve a stream; return when each pair was served, how late, and whether it was hurried.
 
-    :param work_s: gives the time that a pair takes, from when it is served and whether it is
-        hurried.
-    :param starts_s: what the first pair takes until measuring is ready.
+    :param work_s: time that a pair takes, from when it is served and whether it is hurried.
+    :param starts_s: time until measuring is ready for the first pair.
     """
     clock, out, coming, free_s = Clock(), [], 0, 0.0
     queue = PairQueue(most_wait_s, 1000, clock)
@@ -102,7 +101,7 @@ def hurried_stream(work_s, lasts_s, most_wait_s=2.0, starts_s=0.0, period_s=0.03
 
 
 @pytest.mark.parametrize('period_s', [0.033, 0.2])
-def test_a_pair_is_hurried_that_waits_for_most_of_the_time_between_two(period_s):
+def test_pair_that_waits_most_of_an_interval_is_hurried(period_s):
     """Every tenth pair takes 90 % more time than there is."""
     calls = iter(range(10**6))
     out, _ = hurried_stream(
@@ -112,7 +111,7 @@ def test_a_pair_is_hurried_that_waits_for_most_of_the_time_between_two(period_s)
     assert 0.05 < sum(hurried for *_, hurried in out) / len(out) < 0.2
 
 
-def test_who_keeps_up_hurries_nothing_however_arrivals_jitter():
+def test_fast_worker_hurries_no_pair_despite_jitter():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock)
     for k in range(100):
@@ -122,18 +121,18 @@ def test_who_keeps_up_hurries_nothing_however_arrivals_jitter():
         assert queue.take(0.0) == k and not queue.hurried
 
 
-def test_who_keeps_up_only_in_haste_serves_all_soon():
+def test_worker_that_keeps_up_only_when_hurried_serves_all_soon():
     out, queue = hurried_stream(lambda s, hurried: 0.012 if hurried else 0.045, 60.0)
     assert queue.pop_skipped() == 0 and max(waited for _, waited, _ in out) < 0.05
     assert 0.2 < sum(hurried for *_, hurried in out) / len(out) < 0.6
 
 
-def test_a_start_that_takes_long_hurries_what_waited_since_for_long_alone():
+def test_after_a_slow_start_only_long_waiting_pairs_are_hurried():
     out, _ = hurried_stream(lambda s, hurried: 0.015, 10.0, starts_s=0.7)
     assert not [s for s, _, hurried in out if hurried and s > 2.5]
 
 
-def test_what_waited_for_the_start_alone_is_not_hurried():
+def test_pair_that_waited_only_for_the_start_is_not_hurried():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock)
     queue.put('pair')
@@ -143,7 +142,7 @@ def test_what_waited_for_the_start_alone_is_not_hurried():
     assert queue.take(0.0) == 'pair' and not queue.hurried
 
 
-def test_who_skips_hurries_and_does_until_some_time_after():
+def test_skipping_worker_hurries_until_some_time_afterwards():
     out, _ = hurried_stream(lambda s, hurried: 0.1 if s < 60.0 else 0.01, 100.0, 0.5)
     late = [s for s, _, hurried in out if hurried]
     assert late[0] < 1.0 and [s for s, *_ in out if late[0] < s < 60.0] == [
@@ -151,7 +150,7 @@ def test_who_skips_hurries_and_does_until_some_time_after():
     assert 60.0 < late[-1] < 60.0 + RECOVER_S + 1.0
 
 
-def test_who_wants_no_haste_has_none():
+def test_hurrying_can_be_disabled():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock, hurry=False)
     for wait_s in (0.3, 1.0, 3.0):
@@ -160,14 +159,14 @@ def test_who_wants_no_haste_has_none():
         assert queue.take(0.0) == 'pair' and not queue.hurried
 
 
-def test_no_more_than_so_many_wait():
+def test_number_of_waiting_pairs_is_limited():
     queue = PairQueue(60.0, 3, Clock())
     for k in range(5):
         queue.put(k)
     assert queue.take(0.0) == 4 and queue.pop_skipped() == 4
 
 
-def test_who_waits_is_woken_when_nothing_more_comes():
+def test_waiting_reader_is_woken_at_the_end_of_the_stream():
     queue = PairQueue(1.0, 3)
     threading.Timer(0.05, queue.close).start()
     assert queue.take(10.0) is None

@@ -18,7 +18,7 @@ def image(sec, size):
     return msg
 
 
-def test_matching_that_fails_ends_the_node_with_the_next_image(in_process):
+def test_failed_matching_ends_the_node_with_the_next_image(in_process):
     """Its images are truncated, and therefore invalid."""
     with in_process(PairingPeerNode, 'matching:=sgbm') as node:
         node._image('left', image(1, 7))
@@ -29,7 +29,7 @@ def test_matching_that_fails_ends_the_node_with_the_next_image(in_process):
             node._image('left', image(2, 64 * 128))
 
 
-def test_matching_goes_on_while_it_does_not_fail(in_process):
+def test_matching_continues_while_it_does_not_fail(in_process):
     with in_process(PairingPeerNode, 'matching:=sgbm') as node:
         for sec in (1, 2):
             for side in ('left', 'right'):

@@ -69,7 +69,7 @@ def found(node):
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_profile_allows_what_the_node_has(in_process, name, profiles, sample, tmp_path):
+def test_profile_allows_what_the_node_has(in_process, name, profiles, sample, tmp_path):
     cv2.imwrite(str(tmp_path / 'map.png'), np.full((120, 160), 255, np.uint8))
     (tmp_path / 'targets.yaml').write_text(
         'environment_targets: 1\ntargets:\n- {id: 3, frame: 2, box: [30, 40, 12, 30]}\n')
@@ -92,7 +92,7 @@ def test_every_node_was_tried(profiles):
     assert set(profiles) == set(NODES)
 
 
-def test_layouts_show_what_is_published(profiles):
+def test_layouts_show_published_topics(profiles):
     """Also the lanes, which are published once."""
     published = set().union(*(allowed(p, 'topics', 'publish') for p in profiles.values()))
     for layout in ('stereo_speed.rviz', 'stereo_speed.foxglove.json'):

@@ -30,7 +30,7 @@ class Given:
         self.values = values
 
     def get(self, name, default, *_):
-        """Return a parameter as it is given."""
+        """Return the given value of a parameter."""
         return self.values.get(name, default)
 
 
@@ -44,7 +44,7 @@ class Log:
 
 class Brightness:
     """
-    Stand for the process of a look.
+    A stand-in for the process of a look.
 
     The brightness of the pairs is the share in percent, and the stance.
     """
@@ -129,17 +129,17 @@ def looked(watch, grey):
         time.sleep(0.01)
 
 
-def test_a_stream_that_ends_before_the_process_is_ready_is_looked_at_all_the_same():
+def test_stream_that_ends_before_the_process_is_ready_is_still_checked():
     """The pairs are stored, and the next one may be late."""
     rig, image = watch(), np.full((2, 2), 2, np.uint8)
     for k in range(2):
         rig.take(StereoPair(k, k, k, image, image))
     assert rig.looks == 0
-    assert rig.state().level == OK  # now it is ready, and asked
+    assert rig.state().level == OK  # now it is ready, and the look is requested
     assert rig.state().level == ERROR and rig.looks == 1
 
 
-def test_what_is_off_is_withheld_until_it_is_right_again():
+def test_readings_of_a_moved_rig_are_withheld_until_it_is_right():
     rig = watch()
     assert not rig.withholds and rig.state().level == OK
     for grey, level in ((0, OK), (2, ERROR), (1, OK)):
@@ -159,7 +159,7 @@ def shown(watch, grey=0, pairs=5):
 
 
 @pytest.mark.parametrize('make', [NeverReady, NeverOver])
-def test_a_look_is_waited_for_on_a_busy_machine_and_one_that_hangs_is_made_again_soon(make):
+def test_slow_look_is_waited_for_and_a_hung_one_is_soon_repeated(make):
     """A check may take minutes on a busy machine, but a hanging one is not given that time."""
     makes, now_s = [make, Brightness], [0.0]
     given = Given(rig_check_interval_s=600.0, rig_check_pairs=2, rig_check_spread_s=0.0)
@@ -182,7 +182,7 @@ def test_a_look_is_waited_for_on_a_busy_machine_and_one_that_hangs_is_made_again
     assert rig.looks == 1  # only after the interval, as after a finished check
 
 
-def test_a_look_whose_process_has_died_has_failed_and_the_next_is_taken():
+def test_look_of_a_dead_process_has_failed_and_the_next_is_taken():
     makes = [Dead, Brightness]
     rig = watch(lambda: makes.pop(0)())
     looked(rig, 2)
@@ -191,7 +191,7 @@ def test_a_look_whose_process_has_died_has_failed_and_the_next_is_taken():
     assert rig.looks == 1 and rig.state().level == OK
 
 
-def test_a_process_that_cannot_be_started_is_a_look_that_has_failed():
+def test_process_that_cannot_be_started_is_a_failed_look():
     def no_more():
         raise BlockingIOError('no more processes')
     rig = watch(no_more)
@@ -199,7 +199,7 @@ def test_a_process_that_cannot_be_started_is_a_look_that_has_failed():
     assert rig.state().level == WARN and 'no more processes' in rig.state().message
 
 
-def test_pairs_of_a_look_that_was_given_up_are_in_no_other():
+def test_pairs_of_an_abandoned_look_are_in_no_other():
     rig = watch()
     image = np.full((2, 2), 2, np.uint8)
     rig.take(StereoPair(0, 0, 0, image, image))
@@ -209,7 +209,7 @@ def test_pairs_of_a_look_that_was_given_up_are_in_no_other():
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_in_a_look_is_another_one_in_the_next():
+def test_process_killed_during_a_look_is_replaced_for_the_next():
     made = []
 
     def make():
@@ -232,7 +232,7 @@ def test_a_process_that_is_killed_in_a_look_is_another_one_in_the_next():
     assert made[1].process.wait(LOOK_S) < 0
 
 
-def test_what_two_looks_in_a_row_find_alike_is_measured_with():
+def test_rotation_found_alike_in_two_successive_looks_is_corrected():
     rig = watch()
     for grey in (2, 3):  # each check finds another pose
         looked(rig, grey)
@@ -247,7 +247,7 @@ def test_what_two_looks_in_a_row_find_alike_is_measured_with():
     rig.close()
 
 
-def test_what_cannot_be_seen_does_not_lift_what_was_found():
+def test_look_that_sees_nothing_does_not_end_withholding():
     rig = watch()
     looked(rig, 2)
     looked(rig, UNKNOWN)
@@ -260,7 +260,7 @@ def test_what_cannot_be_seen_does_not_lift_what_was_found():
     assert not rig.withholds and rig.state().level == OK
 
 
-def test_looks_that_agree_across_one_that_found_the_rig_right_correct_nothing():
+def test_agreeing_looks_with_a_correct_one_between_correct_nothing():
     rig = watch()
     for grey in (2, 0, 2):
         looked(rig, grey)
@@ -268,11 +268,11 @@ def test_looks_that_agree_across_one_that_found_the_rig_right_correct_nothing():
     assert rig.withholds
 
 
-def test_the_rig_is_looked_at_unless_nobody_wants_it():
+def test_rig_is_checked_unless_disabled():
     assert RigWatch(Given(), Log(), Brightness).interval_s == 600.0
 
 
-def test_another_rig_is_looked_at_anew():
+def test_changed_rig_is_checked_anew():
     rig = watch()
     looked(rig, 2)
     assert rig.withholds
@@ -280,7 +280,7 @@ def test_another_rig_is_looked_at_anew():
     assert not rig.withholds
 
 
-def test_nothing_is_looked_at_where_nobody_asks():
+def test_rig_is_not_checked_where_checks_are_disabled():
     rig = RigWatch(Given(rig_check_interval_s=0.0), Log(), Brightness)
     rig.begin(place(), SiteConfig())
     for _ in range(20):
@@ -288,7 +288,7 @@ def test_nothing_is_looked_at_where_nobody_asks():
     assert rig.looks == 0 and not rig.withholds and rig.state().level == OK
 
 
-def test_what_cannot_be_seen_is_not_held_against_the_rig():
+def test_look_that_sees_nothing_is_no_fault_of_the_rig():
     assert not RigState(None, '', 'dark').is_off
     assert RigState(math.inf, '', 'gone').is_off
 
@@ -301,5 +301,5 @@ def test_what_cannot_be_seen_is_not_held_against_the_rig():
     (0.015, 0.0098, False, False),  # from a clicked site, or a check with few details
     (0.2, 0.05, False, True),
 ])
-def test_what_is_off_is_so_beyond_doubt(share, std_share, turned, off):
+def test_rig_is_off_only_beyond_its_uncertainty(share, std_share, turned, off):
     assert RigState(share, 'lane', '', std_share, turned).is_off == off

@@ -37,7 +37,7 @@ def poll_until(watch, condition):
     assert condition()
 
 
-def test_all_is_withheld_until_it_is_passed(sample):
+def test_everything_is_withheld_until_the_self_test_passes(sample):
     watch, begun = make_watch(sample), datetime.now(timezone.utc).replace(microsecond=0)
     try:
         before = watch.state()
@@ -55,7 +55,7 @@ def test_all_is_withheld_until_it_is_passed(sample):
     assert begun <= passed <= datetime.now(timezone.utc)
 
 
-def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):
+def test_self_test_that_cannot_run_withholds_too(sample, tmp_path):
     """A stored pass with a damaged truth file is named."""
     for name in ('bag', 'site.yaml'):
         (tmp_path / name).symlink_to(sample / name)
@@ -70,7 +70,7 @@ def test_one_that_cannot_be_run_withholds_too(sample, tmp_path):
     assert state.level == ERROR and 'truth.csv' in state.message
 
 
-def test_a_folder_without_a_stored_pass_is_refused(tmp_path):
+def test_folder_without_a_stored_pass_is_refused(tmp_path):
     with pytest.raises(InputError, match='a folder with site.yaml, truth.csv, bag'):
         make_watch(tmp_path)
 

@@ -29,7 +29,7 @@ import yaml  # noqa: E402
 START_S, EVENT_S = 60.0, 30.0
 
 
-def test_what_the_graph_says_is_on_the_page(stand_in):
+def test_messages_of_the_graph_are_on_the_page(stand_in):
     latched = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     speeds, images, right, passes, health = (stand_in.create_publisher(*what) for what in (
         (TwistWithCovarianceStamped, 'vehicle_speed', RELIABLE),
@@ -84,7 +84,7 @@ def test_what_the_graph_says_is_on_the_page(stand_in):
 
 
 @pytest.mark.parametrize('name', ['stereo_speed.rviz', 'stereo_speed.foxglove.json'])
-def test_layouts_name_topics_that_there_are(name):
+def test_layouts_name_existing_topics(name):
     root = Path(__file__).resolve().parents[2]
     text = (root / 'config' / name).read_text()
     yaml.safe_load(text)  # JSON is YAML as well

@@ -19,7 +19,7 @@ EVENT_S = 20.0
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_in):
+def test_subscription_is_reliable_if_all_publishers_are_and_receives_from_all(stand_in):
     heard = []
     subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
 
@@ -43,7 +43,7 @@ def test_it_is_reliable_where_all_publishers_are_and_hears_the_others_too(stand_
 
 
 @pytest.mark.parametrize('given', ['reliable', 'best_effort'])
-def test_a_reliability_that_is_given_holds(stand_in, given):
+def test_configured_reliability_is_kept(stand_in, given):
     node = rclpy.create_node('given', context=stand_in.context, parameter_overrides=[Parameter(
         'qos_overrides./offered.subscription.reliability', value=given)])
     subscription = OfferedSubscription(node, String, '/offered', print)

@@ -55,7 +55,7 @@ def test_every_parameter_is_declared_with_its_meaning_and_bounds(stand_in, sampl
     ('effort.pass_observations:=10', ['effort.pass_observations', 'live_observations']),
     ('detectors.plane_sweep.motion.least_ncc:=2.0', ['detectors.plane_sweep.motion.least_ncc']),
     ('detector:=radar', ['detector', 'radar', 'plane_sweep'])])
-def test_an_illegal_value_ends_the_node_with_one_line(given, words, sample, capfd):
+def test_invalid_value_ends_the_node_with_one_line(given, words, sample, capfd):
     assert tracker_node.main(
         ['--ros-args', '-p', f'site:={sample / "site.yaml"}', '-p', given]) == 2
     line, = capfd.readouterr().err.splitlines()
@@ -68,7 +68,7 @@ def test_an_illegal_value_ends_the_node_with_one_line(given, words, sample, capf
       'qos_overrides./tracks.publisher.depth:=9'], None),
     (['stamp_std:=0.1', 'detectors.plane_sweep.intervall_s:=1.0', 'trackers.karman.x:=1'],
      'no such parameters: detectors.plane_sweep.intervall_s, stamp_std, trackers.karman.x')])
-def test_a_misspelt_name_is_told_and_what_another_choice_needs_is_not(given, said, sample, capfd):
+def test_misspelt_name_is_reported_and_an_unused_choice_is_not(given, said, sample, capfd):
     values = [f'site:={sample / "site.yaml"}', *given]
     assert run(tracker_node.TrackerNode, ['--ros-args', *(w for v in values for w in ('-p', v))],
                spin=lambda node: None) == 0

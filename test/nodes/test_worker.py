@@ -27,7 +27,7 @@ class Process:
         self.is_ready()
 
     def close(self, most_s=0.0):
-        """Be closed."""
+        """Remember the call."""
         self.closed = True
 
 
@@ -40,7 +40,7 @@ class Log:
 
 
 class Case:
-    """A worker whose processes and clock a test sets."""
+    """A worker whose processes and clock are set by a test."""
 
     def __init__(self):
         self.now_s, self.made, self.next, self.log = 0.0, [], Process(), Log()
@@ -69,7 +69,7 @@ def case():
     return Case()
 
 
-def test_it_can_be_asked_once_it_is_ready(case):
+def test_worker_can_be_used_once_it_is_ready(case):
     case.worker.start()
     assert case.worker.process is None
     case.worker.wait()
@@ -77,7 +77,7 @@ def test_it_can_be_asked_once_it_is_ready(case):
     assert (case.worker.fault, case.log.lines) == ('', [])
 
 
-def test_one_that_fails_is_closed_told_and_started_anew_when_it_is_ready(case):
+def test_failed_process_is_closed_reported_and_restarted(case):
     case.worker.start(), case.worker.wait()
     case.worker.failed(case.made[0], 'it has ended')
     assert case.made[0].closed and case.worker.process is None
@@ -92,7 +92,7 @@ def test_one_that_fails_is_closed_told_and_started_anew_when_it_is_ready(case):
     assert case.log.lines[1:] == ['works in a separate process again']
 
 
-def test_one_that_fails_again_and_again_is_started_less_and_less_often(case):
+def test_repeated_failures_are_restarted_less_and_less_often(case):
     case.worker.start(), case.worker.wait()
     pauses_s = []
     for _ in range(9):
@@ -106,7 +106,7 @@ def test_one_that_fails_again_and_again_is_started_less_and_less_often(case):
 
 
 @pytest.mark.parametrize('first', [OSError('no memory'), Process(ready=None)])
-def test_one_that_cannot_be_started_is_a_fault_and_tried_again(case, first):
+def test_failed_start_is_a_fault_and_is_retried(case, first):
     case.next = first
     case.worker.start(), case.worker.wait()
     assert case.worker.process is None and case.worker.fault
@@ -117,7 +117,7 @@ def test_one_that_cannot_be_started_is_a_fault_and_tried_again(case, first):
     assert case.worker.process is case.made[-1] and case.worker.fault == ''
 
 
-def test_one_that_is_never_ready_is_given_up(case):
+def test_process_that_never_becomes_ready_is_abandoned(case):
     case.worker.start(), case.worker.wait()
     case.worker.failed(case.made[0], 'it has ended')
     case.next = stuck = Process(ready=False)
@@ -127,7 +127,7 @@ def test_one_that_is_never_ready_is_given_up(case):
     assert stuck.closed and 'not ready in 30 s' in case.worker.fault
 
 
-def test_who_tells_of_a_former_process_does_not_turn_off_the_present_one(case):
+def test_failure_of_a_former_process_does_not_close_the_present_one(case):
     case.worker.start(), case.worker.wait()
     old = case.made[0]
     case.worker.close()
@@ -137,7 +137,7 @@ def test_who_tells_of_a_former_process_does_not_turn_off_the_present_one(case):
     assert case.worker.fault == ''
 
 
-def test_nothing_is_started_after_its_end_nor_where_it_never_was(case):
+def test_nothing_is_started_after_closing_or_where_disabled(case):
     for _ in range(2):
         case.now_s += 1000.0
         case.worker.revive()

@@ -33,14 +33,14 @@ def site_with(sample, tmp_path):
     return write
 
 
-def test_the_tolerances_of_the_site_decide(bag, site_with):
+def test_tolerances_of_the_site_are_used(bag, site_with):
     place = MeasuringSite.of(site_with(tolerances={'focal_std': 0.004}), bag.rig)
     pipeline = place.pipeline(PipelineConfig(TrackerConfig(particles=77)), None)
     assert pipeline.config.focal_std == 0.004 and pipeline.config.particles == 77
     assert pipeline.config.baseline_std_m == TrackerConfig().baseline_std_m
 
 
-def test_the_rig_is_corrected_as_the_site_says(bag, site_with):
+def test_rig_is_corrected_as_the_site_says(bag, site_with):
     turn_deg = [0.02, -0.01, 0.03]
     place = MeasuringSite.of(site_with(rig_correction={
         **dict(zip(('pan_deg', 'tilt_deg', 'roll_deg'), turn_deg)),
@@ -51,7 +51,7 @@ def test_the_rig_is_corrected_as_the_site_says(bag, site_with):
 
 
 @pytest.mark.slow
-def test_a_refined_site_is_what_is_measured_at(bag, sample):
+def test_refined_site_is_used_for_measuring(bag, sample):
     rough = load_site(sample / 'site.yaml')
     place = MeasuringSite.of(rough, bag.rig, bag.pairs())
     assert place.refined is not None and place.site is place.refined.site
@@ -66,7 +66,7 @@ def test_vehicles_are_detected_where_none_are_annotated(bag, sample):
     assert place.pipeline(PipelineConfig(), ()).detector is None
 
 
-def test_what_cannot_be_measured_is_refused(bag, sample):
+def test_unusable_inputs_are_refused(bag, sample):
     place = MeasuringSite.of(load_site(sample / 'site.yaml'), bag.rig)
     with pytest.raises(InputError, match='lanes: found none'):
         make_pipeline(bag.rig, {}, PipelineConfig())
@@ -76,7 +76,7 @@ def test_what_cannot_be_measured_is_refused(bag, sample):
                       [InitialFront(0, quad, quad - 30.0)], where='marks.yaml')
 
 
-def test_a_site_that_cannot_be_refined_is_measured_as_it_was_read(bag, sample, monkeypatch):
+def test_site_that_cannot_be_refined_is_used_as_read(bag, sample, monkeypatch):
     """The reason is reported."""
     def refuse(*_):
         raise SiteError('site.yaml', 'pan', '+1 degrees', 'at most 0.3')

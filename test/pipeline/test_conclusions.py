@@ -31,14 +31,14 @@ def beside():
     one.close()
 
 
-def test_at_once_nothing_waits():
+def test_synchronous_measuring_leaves_nothing_waiting():
     one = AtOnce()
     one.add(lambda: 'a')
     assert one.done() == ['a']
     assert one.done() == []
 
 
-def test_who_adds_does_not_wait_and_results_come_in_the_order_of_ends(beside):
+def test_adding_does_not_wait_and_results_keep_their_order(beside):
     go = threading.Event()
 
     def slow():
@@ -53,13 +53,13 @@ def test_who_adds_does_not_wait_and_results_come_in_the_order_of_ends(beside):
     assert beside.waiting == 0
 
 
-def test_an_error_reaches_who_asks_for_the_result(beside):
+def test_error_is_raised_where_the_result_is_requested(beside):
     beside.add(lambda: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         beside.done(everything=True)
 
 
-def test_an_error_costs_none_of_the_other_results(beside):
+def test_error_does_not_affect_the_other_results(beside):
     for measure in (lambda: 'a', lambda: 1 // 0, lambda: 'b'):
         beside.add(measure)
     with pytest.raises(ZeroDivisionError):
@@ -69,7 +69,7 @@ def test_an_error_costs_none_of_the_other_results(beside):
 
 
 @pytest.mark.parametrize('way', [AtOnce, Beside])
-def test_who_adds_a_pass_is_told_where_it_fails(way):
+def test_error_in_synchronous_measuring_is_raised_on_adding(way):
     one, failed = way(), []
     with pytest.raises(ZeroDivisionError):
         one.add(lambda: 1 // 0, lambda: failed.append('a'))
@@ -79,7 +79,7 @@ def test_who_adds_a_pass_is_told_where_it_fails(way):
     one.close()
 
 
-def test_later_passes_are_given_out_once_in_their_order_and_not_waited_for():
+def test_deferred_passes_are_returned_once_in_order_without_waiting():
     go, told, one = threading.Event(), [], Later(lambda measure: measure().upper())
     one.add(lambda: go.wait(30) and 'first', lambda: told.append(0))
     one.add(lambda: 'second')
@@ -93,7 +93,7 @@ def test_later_passes_are_given_out_once_in_their_order_and_not_waited_for():
     one.close()
 
 
-def test_passes_are_measured_where_that_is_asked_for():
+def test_passes_are_measured_when_requested():
     asked = []
     one = Beside(measured=lambda measure: asked.append(measure) or measure())
     one.add(lambda: 'a')
@@ -101,7 +101,7 @@ def test_passes_are_measured_where_that_is_asked_for():
     one.close()
 
 
-def test_closing_gives_up_what_has_not_begun():
+def test_closing_drops_passes_that_have_not_begun():
     one, go, begun = Beside(), threading.Event(), []
     one.add(lambda: go.wait(30))
     one.add(lambda: begun.append(1))
@@ -110,7 +110,7 @@ def test_closing_gives_up_what_has_not_begun():
     assert begun == []
 
 
-def test_a_pass_that_fails_costs_only_itself_where_someone_takes_its_error():
+def test_failed_pass_affects_only_itself_with_an_error_handler():
     errors = []
     one = Beside(failed=errors.append)
     one.add(lambda: 'a')
@@ -122,7 +122,7 @@ def test_a_pass_that_fails_costs_only_itself_where_someone_takes_its_error():
 
 
 @pytest.mark.parametrize('way', [Beside, Later])
-def test_who_adds_to_a_full_queue_waits_for_its_first_pass(way):
+def test_adding_to_a_full_queue_waits_for_its_first_pass(way):
     """So that the images of only a few passes are held in memory."""
     go, added = threading.Event(), threading.Event()
     one = way(most=2)
@@ -187,7 +187,7 @@ def black_pairs(count):
     return [StereoPair(k, 10**8 * (k + 1), 10**8 * (k + 1), grey, grey) for k in range(count)]
 
 
-def test_a_pass_that_cannot_be_measured_is_awaited_no_more(straight):
+def test_failed_pass_is_not_awaited_again(straight):
     rig, lane, front = straight
     go, kinds, errors = threading.Event(), iter([Failing, Scripted]), []
     go.set()
@@ -219,7 +219,7 @@ def test_other_vehicles_do_not_wait_for_the_end_of_a_pass(beside, straight):
 
 
 @pytest.mark.slow
-def test_the_sample_measured_beside_the_pairs_reads_as_at_once(sample, beside):
+def test_background_measuring_gives_the_same_result_on_the_sample(sample, beside):
     with StereoBag(sample / 'bag') as bag:
         pairs, rig = list(bag.pairs()), bag.rig
     place = MeasuringSite.of(load_site(sample / 'site.yaml'), rig)
@@ -232,7 +232,7 @@ def test_the_sample_measured_beside_the_pairs_reads_as_at_once(sample, beside):
 
 
 @pytest.mark.slow
-def test_the_sample_measured_later_is_told_as_at_once(sample):
+def test_deferred_measuring_gives_the_same_result_on_the_sample(sample):
     """Pair by pair with its passes, even if one takes longer than some pairs."""
     site = load_site(sample / 'site.yaml')
     with StereoBag(sample / 'bag') as bag:

@@ -54,7 +54,7 @@ def test_sections_reach_their_component(load):
     ('road: {roll: 0}', 'road.roll'),
     ('verdict: {least_pairs: 1}', 'verdict.least_pairs: found 1'),
 ], ids=str)
-def test_what_is_wrong_is_named(text, words, load):
+def test_fault_is_named(text, words, load):
     with pytest.raises(InputError, match='config.yaml') as caught:
         load(text)
     assert words in str(caught.value)
@@ -66,7 +66,7 @@ def test_unknown_names_are_refused(names):
         PipelineConfig(**names)
 
 
-def test_a_site_changes_the_tolerances_only():
+def test_site_changes_only_the_tolerances():
     config = PipelineConfig().with_tolerances({'focal_std': 0.001, 'stamp_std_s': 0.002})
     assert (config.shared.focal_std, config.shared.stamp_std_s) == (0.001, 0.002)
     assert config.shared.baseline_std_m == TrackerConfig().baseline_std_m
@@ -74,7 +74,7 @@ def test_a_site_changes_the_tolerances_only():
         PipelineConfig().with_tolerances({'focal_std': 3.0})
 
 
-def test_the_summary_is_json_and_names_every_choice():
+def test_summary_is_json_and_names_every_choice():
     summary = json.loads(json.dumps(PipelineConfig(tracker='flow').summary()))
     assert (summary['tracker'], summary['detector']) == ('flow', 'plane_sweep')
     assert summary['parameters']['noise']['match_floor_px'] == 0.0125

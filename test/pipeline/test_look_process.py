@@ -51,7 +51,7 @@ def found(process):
     return state
 
 
-def test_it_finds_what_a_look_here_finds(process, seen):
+def test_result_equals_that_of_a_look_in_this_process(process, seen):
     used, pairs = seen
     pairs = [replace(pairs[0], motion=RigMotion((1e-4, 0.0, 0.0))), *pairs[1:]]
     for pair in pairs:
@@ -64,14 +64,14 @@ def test_it_finds_what_a_look_here_finds(process, seen):
         here.text, here.share, here.std_share, here.turned)
 
 
-def test_it_goes_behind_all_that_measures():
+def test_process_runs_at_the_lowest_priority():
     process = LookProcess()
     here, there = (os.getpriority(os.PRIO_PROCESS, pid) for pid in (0, process.process.pid))
     process.close(0.0)
     assert there == min(here + 10, 19)
 
 
-def test_a_look_that_fails_says_why(process, seen):
+def test_failed_look_says_why(process, seen):
     used, pairs = seen
     process.lay(replace(pairs[0], left=np.zeros((2, 2), np.uint8),
                         right=np.zeros((2, 2), np.uint8)))
@@ -80,7 +80,7 @@ def test_a_look_that_fails_says_why(process, seen):
         found(process)
 
 
-def test_one_that_has_ended_says_so(process, seen):
+def test_ended_process_is_reported(process, seen):
     process.process.kill()
     process.process.wait()
     with pytest.raises(OSError):

@@ -62,9 +62,9 @@ def configured(values: Values) -> PipelineConfig:
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """
-    What is measured.
+    The input of a measurement.
 
-    :param detector: makes one; None where the vehicles are annotated.
+    :param detector: makes a detector; None where the vehicles are annotated.
     """
 
     rig: StereoRig
@@ -89,12 +89,12 @@ class Scenario:
     def boxed(self, at: Sequence[tuple[np.ndarray, np.ndarray]], *, late: int = 0,
               off_px: float = 0.0, first: int = 0) -> Scenario:
         """
-        Return it with its vehicles found by boxes around them.
+        Return the scenario with its vehicles found by boxes around them.
 
-        :param at: where the front is in each pair.
-        :param late: the boxes come so many pairs after theirs.
-        :param off_px: how badly they fit.
-        :param first: index of the first pair that has one.
+        :param at: place of the front in each pair.
+        :param late: number of pairs by which the boxes are late.
+        :param off_px: error of the boxes.
+        :param first: index of the first pair that has a box.
         """
         boxes = {pair.stamp_ns: around(left_px, off_px)
                  for pair, (left_px, _) in zip(self.pairs, at)}
@@ -104,9 +104,9 @@ class Scenario:
 
 def around(front_px: np.ndarray, off_px: float) -> ImageBox:
     """
-    Return the box of the car, 1.8 m wide, that has a front 0.3 m above the road.
+    Return the box of a 1.8 m wide car whose front is 0.3 m above the road.
 
-    :param off_px: how much too narrow the box is on either side; thrice that it is too low.
+    :param off_px: by how much the box is too narrow on either side; it is too low by thrice that.
     """
     low, high = front_px.min(axis=0), front_px.max(axis=0)
     px_per_m = float(high[0] - low[0]) / 1.8
@@ -119,12 +119,12 @@ def around(front_px: np.ndarray, off_px: float) -> ImageBox:
 @dataclass(frozen=True)
 class Boxed:
     """
-    A detector that is offered boxes.
+    A detector that is given boxes.
 
-    :param detector: which takes them.
+    :param detector: takes the boxes.
     :param boxes: by the stamp of their pair.
-    :param late: they come so many pairs after it.
-    :param first: index of the first pair that has one.
+    :param late: number of pairs by which they are late.
+    :param first: index of the first pair that has a box.
     """
 
     detector: BoxDetector
@@ -151,7 +151,7 @@ class Script:
     A detector that finds one front in each of some pairs, unless a track holds it.
 
     :param found: index of the pair to what is found there.
-    :param again: find it also where a track holds it.
+    :param again: also find it where a track holds it.
     """
 
     found: Mapping[int, Detection]
@@ -197,7 +197,7 @@ def blank(pair: StereoPair) -> StereoPair:
 
 
 def with_post(pair: StereoPair, quad: tuple[np.ndarray, np.ndarray]) -> StereoPair:
-    """Return a pair with a post before a fifth of the front, nearer by a tenth of its width."""
+    """Return a pair with a post in front of a fifth of the front, a tenth of its width nearer."""
     views = []
     for image, corners, nearer in ((pair.left, quad[0], 0.0), (pair.right, quad[1], 0.1)):
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -254,8 +254,8 @@ def moved_lane(passing: Scenario, name: str, left_m: float, *, left: float = 0.0
     """
     Return a straight lane beside that of the sample.
 
-    :param left_m: how far to the left of it, where the sample's path is at the first pair.
-    :param left: by how much it leaves to the left, per metre.
+    :param left_m: distance to its left, where the sample's path is at the first pair.
+    :param left: by how much it diverges to the left, per metre.
     :param up: by how much it climbs.
     """
     lane, front = passing.lanes['lane_0'], passing.fronts[0]
@@ -268,7 +268,7 @@ def moved_lane(passing: Scenario, name: str, left_m: float, *, left: float = 0.0
 
 
 def _crossing(passing: Scenario) -> Scenario:
-    """Let the vehicle leave one lane for another, which climbs."""
+    """Move the vehicle from one lane into another that climbs."""
     return replace(passing, lanes=moved_lane(passing, 'own', -0.6)
                    | moved_lane(passing, 'other', -1.8, left=0.04, up=-0.02))
 
@@ -284,7 +284,7 @@ def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
     """
     Return the maker of a scenario in which a script detects the front at a speed.
 
-    :param again: also where a track holds it, and then not quite where it is.
+    :param again: also where a track holds it, then slightly displaced.
     """
     def made(passing: Scenario) -> Scenario:
         where = quads(passing)
@@ -303,7 +303,7 @@ def _scripted(speed_mps: float, at: tuple[int, ...] = (0,), earlier: int = 0, *,
 
 
 def _uneven(passing: Scenario) -> Scenario:
-    """Put stamps off their pace by some ms."""
+    """Shift stamps off their regular interval by some ms."""
     return replace(passing, pairs=tuple(
         replace(pair, stamp_ns=pair.stamp_ns + off_ns, right_stamp_ns=pair.stamp_ns + off_ns)
         for pair, off_ns in zip(passing.pairs, 2 * (0, 4_000_000, 1_000_000, 3_000_000))))
@@ -314,14 +314,14 @@ def _swept(passing: Scenario) -> Scenario:
 
 
 def _swept_behind(passing: Scenario) -> Scenario:
-    """Detect a vehicle of which a post hides a part in the second pair."""
+    """Detect a vehicle that is partly hidden by a post in the second pair."""
     first, second, third = passing.pairs[:3]
     return replace(passing, fronts=(), pairs=(
         first, with_post(second, quads(passing)[1]), third)).swept()
 
 
 def _slow(passing: Scenario) -> Scenario:
-    """Let twice the time pass between pairs."""
+    """Double the time between pairs."""
     first = passing.pairs[0].stamp_ns
     later = ((pair, 2 * pair.stamp_ns - first) for pair in passing.pairs[:3])
     return replace(passing, fronts=(), pairs=tuple(
@@ -329,7 +329,7 @@ def _slow(passing: Scenario) -> Scenario:
 
 
 def _followed(passing: Scenario) -> Scenario:
-    """Let the vehicle follow itself: it is also where it will be two pairs later."""
+    """Let a second copy of the vehicle follow: it is also where it will be two pairs later."""
     at, pairs = quads(passing), []
     for k, pair in enumerate(passing.pairs[:3]):
         views = [pair.left.copy(), pair.right.copy()]
@@ -347,11 +347,11 @@ def _followed(passing: Scenario) -> Scenario:
 @dataclass(frozen=True)
 class Near:
     """
-    A detector that is told of a tracked vehicle near the one to find.
+    A detector that is given a tracked vehicle near the one to find.
 
-    :param detector: which looks for it.
-    :param ahead_m: how far the other one is ahead, m.
-    :param left_m: how far it is to the left, m.
+    :param detector: searches for the vehicle.
+    :param ahead_m: how far the other vehicle is ahead.
+    :param left_m: how far it is to the left.
     """
 
     detector: Detector
@@ -414,11 +414,11 @@ MAKERS |= {'boxed': _boxed(_first(3)), 'boxed late': _boxed(_first(4), late=1),
 @dataclass(frozen=True)
 class Case:
     """
-    What shows that a parameter matters.
+    The evidence that a parameter has an effect.
 
     :param scenario: name of what is measured.
-    :param value: another value of the parameter; None takes a greater one.
-    :param given: what other parameters are, where not the defaults.
+    :param value: another value of the parameter; None uses a greater one.
+    :param given: values of other parameters that are not at their defaults.
     """
 
     scenario: str
@@ -544,12 +544,12 @@ CASES: dict[str, Case] = {
 
 
 def boxed(scenario: str, value: Any = None, **given: Any) -> Case:
-    """Return a case of the detector of boxes, as :func:`swept` does."""
+    """Return a case of the box detector, as :func:`swept` does."""
     return Case(scenario, value, {BOXES + k.replace('__', '.'): v for k, v in given.items()})
 
 
 def _by_boxes(case: Case) -> Case:
-    """Return a case of the sweep for the same parameter of the detector of boxes."""
+    """Return a case of the sweep for the same parameter of the box detector."""
     return replace(case, scenario='boxed' + case.scenario.removeprefix('swept'), given={
         name.replace(SWEEP, BOXES): value for name, value in case.given.items()})
 
@@ -576,13 +576,13 @@ CASES |= {
 
 
 def case_of(name: str) -> Case:
-    """Return what shows that a parameter matters."""
+    """Return the case for a parameter."""
     usual = 'swept' if name.startswith(SWEEP) else 'boxed' if name.startswith(BOXES) else 'short'
     return CASES.get(name, Case(usual))
 
 
 def greater(known: Field[Any]) -> Any:
-    """Return a legal value of a parameter that is not its default, a greater one if there is."""
+    """Return a valid value of a parameter other than its default, a greater one if possible."""
     default, meta = known.default, known.metadata
     if meta['choices']:
         return next(choice for choice in meta['choices'] if choice != default)
@@ -593,7 +593,7 @@ def greater(known: Field[Any]) -> Any:
 
 
 def outcome(scenario: Scenario, values: Values) -> Any:
-    """Return all that a run reports, or the line it ends with, as values to compare."""
+    """Return the complete report of a run, or its error line, as comparable values."""
     updates: list[TrackUpdate] = []
     try:
         done = scenario.run(configured({**CHEAP, **values}),
@@ -606,7 +606,7 @@ def outcome(scenario: Scenario, values: Values) -> Any:
 
 
 def comparable(value: Any) -> Any:
-    """Return a value with lists in place of the arrays in it, which have no truth value."""
+    """Return a value with lists in place of its arrays, which have no truth value."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -616,7 +616,7 @@ def comparable(value: Any) -> Any:
 
 @pytest.fixture(scope='session')
 def usual(scenarios) -> Callable[[Case], Any]:
-    """Return the function from a case to what a run reports without the parameter changed."""
+    """Return the function that gives the report of a case without the changed parameter."""
     known: dict[Any, Any] = {}
 
     def found(case: Case) -> Any:
@@ -627,7 +627,7 @@ def usual(scenarios) -> Callable[[Case], Any]:
     return found
 
 
-# What it proposes matters where the first place fails: test/detection/test_box_proposals.py.
+# Its proposals matter where the first place fails: test/detection/test_box_proposals.py.
 ELSEWHERE = BOXES + 'fit.lower_edge_px'
 
 
@@ -645,7 +645,7 @@ COSTLY = {'particles': 300, 'effort.fewest_particles': 300}  # greatest values d
 
 
 def drawn(known: Field[Any], rng: np.random.Generator, most: float) -> Any:
-    """Return a random legal value of a parameter, a bound every third time."""
+    """Return a random valid value of a parameter, a bound in one of three draws."""
     default, meta = known.default, known.metadata
     if meta['choices']:
         return meta['choices'][rng.integers(len(meta['choices']))]
@@ -662,7 +662,7 @@ def drawn(known: Field[Any], rng: np.random.Generator, most: float) -> Any:
 
 
 def drawn_config(seed: int) -> PipelineConfig:
-    """Return a random configuration; where few parameters are drawn, the others are usual."""
+    """Return a random configuration; where few parameters are drawn, the others are defaults."""
     rng = np.random.default_rng(seed)
     share = rng.choice([0.03, 0.2, 1.0])
     for _ in range(1000):
@@ -679,7 +679,7 @@ def drawn_config(seed: int) -> PipelineConfig:
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('seed', [*range(20), 263])
 @pytest.mark.parametrize('name', ['short', 'swept'])
-def test_whatever_loads_also_runs(name, seed, scenarios):
+def test_every_valid_configuration_runs(name, seed, scenarios):
     scenario, config = scenarios(name), drawn_config(seed)
     updates: list[TrackUpdate] = []
     try:

@@ -37,7 +37,7 @@ def ready():
     process.close()
 
 
-def test_the_sample_measured_in_it_reads_as_at_once(sample, ready):
+def test_sample_measured_in_it_gives_the_same_result(sample, ready):
     with StereoBag(sample / 'bag') as bag:
         pairs, rig = list(bag.pairs()), bag.rig
     place = MeasuringSite.of(load_site(sample / 'site.yaml'), rig)
@@ -52,7 +52,7 @@ def test_the_sample_measured_in_it_reads_as_at_once(sample, ready):
     assert trace_text('run', one.passes[0]) == trace_text('run', other.passes[0])
 
 
-def test_arrays_of_all_sizes_arrive_as_they_are(ready):
+def test_arrays_of_all_sizes_arrive_unchanged(ready):
     """Large ones are in shared memory, which grows as needed."""
     rng = np.random.default_rng(0)
     for count in (10, 10**5, 3 * 10**6, 10**5):
@@ -61,19 +61,19 @@ def test_arrays_of_all_sizes_arrive_as_they_are(ready):
         assert (found == np.concatenate(these)).all()
 
 
-def test_what_measuring_raises_is_raised_and_the_next_pass_is_measured(ready):
+def test_measuring_error_is_raised_and_the_next_pass_is_measured(ready):
     with pytest.raises(ZeroDivisionError):
         ready.measured(partial(operator.truediv, 1, 0))
     assert ready.measured(partial(operator.add, 1, 2)) == 3
 
 
-def test_what_cannot_be_pickled_is_told_so(ready):
+def test_unpicklable_pass_is_an_error(ready):
     with pytest.raises(OnlyHereError, match='pickle'):
         ready.measured(lambda: 'a')
     assert ready.measured(partial(operator.add, 1, 2)) == 3
 
 
-def test_one_that_dies_is_told_of():
+def test_dead_process_is_reported():
     process = PassProcess()
     process.wait()
     process.process.kill()
@@ -90,13 +90,13 @@ class OnlyThere:
         return operator.truediv, (1, 0)
 
 
-def test_what_cannot_be_read_there_is_told_so(ready):
+def test_pass_that_cannot_be_unpickled_is_an_error(ready):
     with pytest.raises(OnlyHereError, match='zero'):
         ready.measured(partial(str, OnlyThere()))
     assert ready.measured(partial(operator.add, 1, 2)) == 3
 
 
-def test_a_signal_to_all_does_not_end_it_and_the_end_of_its_parent_does():
+def test_signal_to_the_group_does_not_end_it_but_its_parents_end_does():
     with subprocess.Popen([sys.executable, '-c', BEGIN], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE, text=True) as parent:
         pid = int(parent.stdout.readline())
@@ -113,7 +113,7 @@ def test_a_signal_to_all_does_not_end_it_and_the_end_of_its_parent_does():
         time.sleep(0.02)
 
 
-def test_where_it_cannot_be_started_nothing_stays_open(monkeypatch):
+def test_failed_start_leaves_nothing_open(monkeypatch):
     def fails(*args, **kwargs):
         raise OSError('no more processes')
     monkeypatch.setattr(subprocess, 'Popen', fails)
@@ -124,7 +124,7 @@ def test_where_it_cannot_be_started_nothing_stays_open(monkeypatch):
 
 
 @pytest.mark.parametrize('sent_bytes', [10, 4 * 10**6])
-def test_one_that_does_not_answer_is_waited_for_so_long_and_no_longer(sent_bytes):
+def test_unresponsive_process_is_waited_for_up_to_the_limit(sent_bytes):
     """Data larger than the pipe's buffer cannot even be sent."""
     process = PassProcess(answer_s=0.3)
     process.wait()

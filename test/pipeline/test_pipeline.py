@@ -40,7 +40,7 @@ def scene(tmp_path_factory):
     return two_abreast(tmp_path_factory.mktemp('two'))
 
 
-def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
+def test_found_fronts_become_tracks_and_are_passed_as_occupied(scene):
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
@@ -56,7 +56,7 @@ def test_found_fronts_become_tracks_and_are_told_as_occupied(scene):
 
 
 @pytest.mark.parametrize(('late_ns', 'lag_s'), [(500_000, 0.0), (500_001, 500_001e-9)])
-def test_one_tolerance_decides_for_all_what_was_exposed_at_once(scene, late_ns, lag_s):
+def test_one_tolerance_decides_which_views_are_simultaneous(scene, late_ns, lag_s):
     pipeline, finder = automatic(scene, [], {})
     pair = scene[0].pairs[0]
     pipeline.process(replace(pair, right_stamp_ns=pair.stamp_ns + late_ns))
@@ -72,7 +72,7 @@ def seen_before(sequence, marks, moved_px=0.0):
     return mark, earlier
 
 
-def test_a_track_starts_where_its_front_was_first_seen(scene):
+def test_track_starts_where_its_front_was_first_seen(scene):
     sequence, _, marks = scene
     mark, earlier = seen_before(sequence, marks)
     pipeline, finder = automatic(scene, [mark], {2})
@@ -86,7 +86,7 @@ def test_a_track_starts_where_its_front_was_first_seen(scene):
     assert abs(result.speed_mps - 22.352) < 0.1
 
 
-def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
+def test_vehicle_that_left_the_view_stays_occupied_for_a_while(scene):
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     last_ns = sequence.pairs[-1].stamp_ns
@@ -105,8 +105,8 @@ def test_what_left_the_view_is_still_told_as_occupied_and_then_forgotten(scene):
     assert finder.occupied[-1] == []
 
 
-def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_changed(scene):
-    """From 10 to 22.35 m/s, less three times 5 % of 10, at 6 m/s^2: 1.8 s."""
+def test_track_that_contradicts_the_detected_speed_waits(scene):
+    """Until braking explains 10 to 22.35 m/s, less three times 5 % of 10, at 6 m/s^2: 1.8 s."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     finder.speed_mps = 10.0
@@ -117,7 +117,7 @@ def test_a_track_that_saw_another_speed_than_its_finder_waits_until_it_may_have_
                if abs(age - 1.8) > 0.15)
 
 
-def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(scene):
+def test_doubted_track_is_accepted_when_the_detector_agrees_later(scene):
     """As over a crest, where the first pairs show little of a vehicle's earlier positions."""
     sequence, lanes, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
@@ -136,7 +136,7 @@ def test_a_doubted_track_is_believed_when_its_finder_sees_the_same_speed_later(s
     assert result.pairs == len(sequence.pairs) and abs(result.speed_mps - 22.352) < 0.1
 
 
-def test_a_doubted_track_stays_so_while_its_finder_sees_another_speed(scene):
+def test_track_stays_doubted_while_the_detector_disagrees(scene):
     """There is one track only, however often the vehicle is detected."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
@@ -151,7 +151,7 @@ def test_a_doubted_track_stays_so_while_its_finder_sees_another_speed(scene):
     assert finder.occupied[-1] == []
 
 
-def test_what_stands_is_no_vehicle_though_a_detector_saw_it_move(scene):
+def test_stationary_object_is_no_vehicle_despite_a_detected_motion(scene):
     """Road that a vehicle has just uncovered may seem to move; it is never published."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
@@ -165,7 +165,7 @@ def test_what_stands_is_no_vehicle_though_a_detector_saw_it_move(scene):
     assert pipeline.finish() == []
 
 
-def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
+def test_of_two_tracks_of_a_vehicle_the_one_that_sees_it_remains(scene):
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0, 3})
     for pair in sequence.pairs[:3]:
@@ -182,7 +182,7 @@ def test_of_two_tracks_on_a_vehicle_that_which_sees_it_stays(scene):
     assert pipeline._roster.tracks == [younger]
 
 
-def test_where_it_was_not_the_track_starts_where_it_is(scene):
+def test_track_without_an_earlier_place_starts_at_the_current_one(scene):
     sequence, _, marks = scene
     mark, earlier = seen_before(sequence, marks, moved_px=60.0)
     pipeline, finder = automatic(scene, [mark], {2})
@@ -193,7 +193,7 @@ def test_where_it_was_not_the_track_starts_where_it_is(scene):
     assert result.first_ns == sequence.pairs[2].stamp_ns
 
 
-def test_one_vehicle_keeps_one_track_however_often_it_is_found(scene):
+def test_vehicle_keeps_one_track_however_often_it_is_found(scene):
     sequence, lanes, marks = scene
     pipeline, finder = automatic(scene, [marks[0], marks[0]], {0})
     updates = [u for pair in sequence.pairs for u in pipeline.process(pair).updates]
@@ -201,7 +201,7 @@ def test_one_vehicle_keeps_one_track_however_often_it_is_found(scene):
     assert {u.track for u in updates[2:]} == {0} and result.track == 0
 
 
-def test_what_is_never_confirmed_is_no_vehicle(scene):
+def test_unconfirmed_track_is_no_vehicle(scene):
     sequence, _, marks = scene
     pipeline, _ = automatic(scene, marks[:1], {0})
     for pair in sequence.pairs[:2]:
@@ -209,7 +209,7 @@ def test_what_is_never_confirmed_is_no_vehicle(scene):
     assert pipeline.finish() == []
 
 
-def test_a_vehicle_that_leaves_before_it_is_confirmed_is_rejected_with_a_reason(scene):
+def test_vehicle_that_leaves_before_confirmation_is_rejected_with_a_reason(scene):
     sequence, _, marks = scene
     config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
     pipeline, finder = automatic(scene, marks[:1], {0}, config)
@@ -221,7 +221,7 @@ def test_a_vehicle_that_leaves_before_it_is_confirmed_is_rejected_with_a_reason(
     assert pipeline.finish() == []
 
 
-def test_what_a_gap_of_the_stream_has_lost_before_it_was_confirmed_may_be_found_again(scene):
+def test_unconfirmed_vehicle_lost_in_a_gap_can_be_found_again(scene):
     sequence, _, marks = scene
     config = TrackerConfig(visibility=VisibilityConfig(lost_after_s=0.25))
     pipeline, finder = automatic(scene, marks[:1], {0}, config)
@@ -237,7 +237,7 @@ def test_what_a_gap_of_the_stream_has_lost_before_it_was_confirmed_may_be_found_
     assert pipeline.finish() == []
 
 
-def test_a_correction_that_comes_and_goes_while_a_vehicle_is_seen_has_changed(scene):
+def test_drift_change_is_the_maximum_during_the_pass(scene):
     sequence, _, marks = scene
     pipeline, _ = automatic(scene, marks[:1], {0})
     pipeline.process(sequence.pairs[0])
@@ -247,7 +247,7 @@ def test_a_correction_that_comes_and_goes_while_a_vehicle_is_seen_has_changed(sc
     assert track.drift_change_rad.tolist() == [3e-4, 0.0, 0.0]
 
 
-def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
+def test_found_front_on_which_the_views_disagree_is_ignored(scene):
     sequence, _, marks = scene
     wrong = replace(marks[0], right_px=marks[0].right_px + [0.0, 60.0])
     pipeline, _ = automatic(scene, [wrong], {0})
@@ -255,7 +255,7 @@ def test_a_found_front_on_which_the_views_disagree_is_left_alone(scene):
 
 
 @pytest.mark.parametrize('found', [False, True])
-def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
+def test_flat_marking_is_not_published(scene, found, monkeypatch):
     """A detection of it is no vehicle then; an annotation is trusted."""
     monkeypatch.setattr(Upright, 'lies', True)
     sequence, lanes, marks = scene
@@ -272,7 +272,7 @@ def test_what_lies_on_the_road_is_told_of_nobody(scene, found, monkeypatch):
 
 @pytest.mark.parametrize('stepped, reason', [
     (False, 'views_disagree'), (True, 'stamps_uncertain')])
-def test_what_turns_out_to_lie_is_rejected_unless_it_was_before(
+def test_track_that_turns_out_flat_is_rejected_with_the_first_reason(
         scene, stepped, reason, monkeypatch):
     """The first reason stays: a step of the clock does not depend on the vehicle."""
     pipeline, _ = automatic(scene, scene[2][:1], {0})
@@ -286,7 +286,7 @@ def test_what_turns_out_to_lie_is_rejected_unless_it_was_before(
 
 
 @pytest.mark.parametrize('particles', [30, 900])
-def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
+def test_single_track_has_the_configured_number_of_particles(scene, particles):
     config = TrackerConfig(particles=particles, particle_budget=500)
     sequence, lanes, marks = scene
     pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks[:1])
@@ -294,7 +294,7 @@ def test_one_track_has_the_particles_that_were_asked_for(scene, particles):
     assert [t.tracker.particles for t in pipeline._roster.tracks] == [particles]
 
 
-def test_tracks_share_the_particles_there_are(scene):
+def test_tracks_share_the_total_number_of_particles(scene):
     sequence, lanes, marks = scene
     config = TrackerConfig(particles=400, particle_budget=500)
     pipeline = SpeedPipeline(sequence.rig, lanes, config, start, annotations=marks)
@@ -329,7 +329,7 @@ def hurries(scene):
     return [[p.hurried for p in result.trace.pairs] for result in passes], finder.given, passes
 
 
-def test_of_hurried_tracks_that_is_solved_for_whose_solution_is_old(hurries):
+def test_hurried_pair_solves_the_track_with_the_oldest_solution(hurries):
     """Pairs come every 0.2 s, a solution is old after 0.3 s; both are confirmed in pair 2."""
     one, other = hurries[0]
     assert one[:4] == other[:4] == [False, False, False, True]
@@ -356,7 +356,7 @@ class OnlyHurries:
         self.tracker.hurry(hurried)
 
 
-def test_who_does_not_tell_its_age_is_hurried_by_turns_as_well(scene, hurries):
+def test_trackers_without_a_solution_age_are_hurried_in_turns(scene, hurries):
     sequence, lanes, marks = scene
     trackers = []
 
@@ -371,16 +371,16 @@ def test_who_does_not_tell_its_age_is_hurried_by_turns_as_well(scene, hurries):
     assert all(r.verdict is Verdict.MEASURED for r in pipeline.finish())
 
 
-def test_hurried_pairs_are_searched_when_none_was_for_long(hurries):
+def test_hurried_pairs_are_searched_after_a_long_time_without_a_search(hurries):
     assert hurries[1] == [0, 1, 3, 5, 6]
 
 
-def test_a_hurried_pass_is_as_right(hurries):
+def test_hurried_pass_is_as_accurate(hurries):
     for result, mps in zip(hurries[2], (22.352, 20.117)):
         assert result.pairs == 7 and abs(result.speed_mps - mps) < 4 * result.speed_std_mps
 
 
-def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
+def test_hurried_pass_can_be_recomputed_from_its_trace(scene, hurries):
     sequence, lanes, _ = scene
     for result in hurries[2]:
         trace = trace_of(trace_record(result.trace), 'test')
@@ -394,7 +394,7 @@ def test_a_hurried_pass_is_measured_again_by_its_trace(scene, hurries):
 
 
 @pytest.mark.parametrize('step_ns', [30_000_000, -30_000_000])
-def test_after_a_step_of_the_clock_a_detected_vehicle_is_found_anew(scene, step_ns):
+def test_detected_vehicle_is_found_anew_after_a_step_of_the_clock(scene, step_ns):
     """Its first pass has no speed; the second one starts after the step, and is right."""
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0, 5})
@@ -417,7 +417,7 @@ def test_after_a_step_of_the_clock_a_detected_vehicle_is_found_anew(scene, step_
     assert {u.track for u in updates} == {0, 1}
 
 
-def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene):
+def test_track_that_starts_with_uneven_stamps_includes_their_uncertainty(scene):
     """Its 1-sigma is greater accordingly; its trace has this, and recomputes the same."""
     sequence, lanes, marks = scene
     pairs, results = sequence.pairs, []
@@ -445,8 +445,8 @@ def test_a_track_that_begins_among_uneven_stamps_takes_them_for_uncertain(scene)
     assert tracker.result().smoothed == uneven.smoothed
 
 
-def test_stamps_that_are_declared_uncertain_hide_changes_of_speed_too(scene):
-    """Though they are even: 4 ms at 22.352 m/s hide 6 m/s^2 for a fifth of a second."""
+def test_declared_stamp_uncertainty_also_hides_changes_of_speed(scene):
+    """Even if stamps are even: 4 ms at 22.352 m/s hide 6 m/s^2 for a fifth of a second."""
     least_mps = []
     for stamp_std_s in (2e-4, 0.004):
         config = TrackerConfig(stamp_std_s=stamp_std_s)
@@ -465,7 +465,7 @@ def jittered(pairs, off_ns):
 
 
 @pytest.mark.parametrize('annotated', [False, True])
-def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
+def test_running_track_learns_that_its_stamps_are_uneven(scene, annotated):
     """Readings, pass and recomputation from the trace get a greater 1-sigma."""
     sequence, lanes, marks = scene
     results, stds_mps = [], []
@@ -500,7 +500,7 @@ def test_a_track_learns_under_way_that_its_stamps_are_uneven(scene, annotated):
     assert tracker.result().smoothed == uneven.smoothed
 
 
-def test_who_goes_on_from_another_pipeline_knows_its_stamps(scene):
+def test_successor_pipeline_knows_the_stamps_of_its_predecessor(scene):
     """Whether it takes over from it, or looks at the pairs that were measured."""
     sequence, lanes, _ = scene
     pairs = jittered(sequence.pairs, 4_000_000)
@@ -520,7 +520,7 @@ def test_who_goes_on_from_another_pipeline_knows_its_stamps(scene):
 
 
 @pytest.mark.parametrize('fps, jitter_s', [(5.0, 0.02), (5.0, 0.06), (1.25, 0.25)])
-def test_passes_of_exposures_at_any_time_are_measured(tmp_path, fps, jitter_s):
+def test_passes_of_arbitrary_exposure_times_are_measured(tmp_path, fps, jitter_s):
     """The assumed stamp error is limited to that of stamps at arrival, whatever the scatter."""
     config = replace(
         straight_config('50 mph', fps=fps, pairs=round(2.4 * fps) + 1, stamp_jitter_s=jitter_s),
@@ -561,7 +561,7 @@ class Trusting:
         return self._tracker.result()
 
 
-def test_what_takes_no_notice_of_uneven_stamps_has_no_speed(scene):
+def test_tracker_that_ignores_uneven_stamps_has_no_speed(scene):
     sequence, lanes, marks = scene
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(),
                              lambda begun: Trusting(start(begun)), annotations=marks[:1])
@@ -572,7 +572,7 @@ def test_what_takes_no_notice_of_uneven_stamps_has_no_speed(scene):
     assert (result.reason, result.speed_mps) == ('stamps_uncertain', None)
 
 
-def test_who_hurries_much_all_the_time_finds_its_vehicle(sample):
+def test_permanently_hurried_pipeline_finds_its_vehicle(sample):
     """At 5 pairs/s and 55 mph each pair has waited."""
     with StereoBag(sample / 'bag') as bag:
         pairs, rig = list(bag.pairs()), bag.rig
@@ -597,7 +597,7 @@ def dense(tmp_path_factory):
     return two_abreast(tmp_path_factory.mktemp('dense'), fps=30.0, pairs=14)
 
 
-def test_of_confirmed_tracks_at_most_one_is_solved_for_in_a_dense_pair(dense):
+def test_dense_pair_solves_at_most_one_confirmed_track(dense):
     sequence, lanes, marks = dense
     trackers, confirmed, solved = [], set(), []
 
@@ -611,13 +611,13 @@ def test_of_confirmed_tracks_at_most_one_is_solved_for_in_a_dense_pair(dense):
         confirmed |= {u.track for u in step.updates if u.state is TrackState.CONFIRMED}
         solved.append([t.track for t in known if t.unsolved_s(pair.stamp_ns) == 0.0])
     assert max(map(len, solved)) == 1
-    # Either one in its turn, at least in every fourth pair.
+    # Each in its turn, at least in every fourth pair.
     for k in range(2):
         turns = [n for n, tracks in enumerate(solved) if k in tracks]
         assert max(np.diff(turns)) <= 4
 
 
-def test_in_a_dense_pair_no_reading_waits_for_the_solution_of_another_track(dense):
+def test_reading_in_a_dense_pair_does_not_wait_for_another_solution(dense):
     sequence, lanes, marks = dense
     trackers, early = [], 0
 
@@ -664,8 +664,7 @@ class Placed:
 @pytest.mark.parametrize('near_m', [1.4, -1.0])
 @pytest.mark.parametrize('from_m', [1.6, 50.0])
 @pytest.mark.parametrize('begins', [5, 6])  # in turns one is solved for, and one is predicted
-def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
-        scene, mover, near_m, from_m, begins):
+def test_step_contains_all_readings_published_for_the_pair(scene, mover, near_m, from_m, begins):
     """From one pair on one of two tracks is near the other, having crept or jumped there."""
     sequence, lanes, marks = scene
     finder = ScriptedFinder(marks[1:], list(lanes)[1], {0})
@@ -691,7 +690,7 @@ def test_what_is_told_of_a_pair_is_in_its_step_whatever_comes_near(
     assert tracks[begins] == [0] or from_m > 3.0
 
 
-def test_what_is_found_in_a_dense_pair_is_followed_from_it_on_with_the_next(dense):
+def test_vehicle_found_in_a_dense_pair_is_tracked_from_that_pair_on(dense):
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, marks[:1], {1})
     finder.marks = [replace(marks[0], left_px=left, right_px=right)
@@ -707,8 +706,8 @@ def test_what_is_found_in_a_dense_pair_is_followed_from_it_on_with_the_next(dens
     assert [bool(held) for held in finder.occupied[:4]] == [False, False, True, True]
 
 
-def test_what_is_found_in_the_last_dense_pair_has_no_pass_as_nothing_was_told_of_it(dense):
-    """Earlier pairs would have confirmed it at once."""
+def test_vehicle_found_in_the_last_dense_pair_has_no_pass(dense):
+    """No reading was published; a confirmation by earlier pairs alone does not count."""
     sequence, _, marks = dense
     pipeline, finder = automatic(dense, [replace(marks[0], left_px=left, right_px=right)
                                  for left, right in [project(sequence, marks[0], 3)]], {3})
@@ -735,8 +734,7 @@ class Ahead(ScriptedFinder):
 
 
 @pytest.mark.parametrize('kind', [ScriptedFinder, Ahead])
-def test_another_pipeline_may_go_on_where_the_search_under_way_in_a_dense_pair_finds_none(
-        dense, kind):
+def test_pipeline_becomes_idle_when_the_search_under_way_finds_nothing(dense, kind):
     sequence, lanes, marks = dense
     finder = kind(marks[:1], next(iter(lanes)), {2})
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, detector=finder)
@@ -745,12 +743,12 @@ def test_another_pipeline_may_go_on_where_the_search_under_way_in_a_dense_pair_f
         pipeline.process(pair)
         idle.append(pipeline.is_idle())
     assert idle == [True, True, False, False]
-    # Each was searched once, and none waited for where a vehicle is followed.
+    # Each was searched once, and none was awaited where a vehicle is tracked.
     assert len(finder.occupied) == (3 if kind is Ahead else 4)
 
 
-def test_what_was_found_in_a_dense_pair_and_has_left_by_the_next_has_no_pass(dense):
-    """A front that is narrower than it may be has left."""
+def test_vehicle_found_in_a_dense_pair_that_left_by_the_next_has_no_pass(dense):
+    """A front narrower than the limit has left."""
     sequence, _, marks = dense
     config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
     pipeline, _ = automatic(dense, marks[:1], {0}, config)
@@ -762,7 +760,7 @@ def test_what_was_found_in_a_dense_pair_and_has_left_by_the_next_has_no_pass(den
     assert not any(step.updates or step.passes for step in steps) and pipeline.finish() == []
 
 
-def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
+def test_trace_of_every_track_contains_a_vehicle_found_in_a_dense_pair(dense):
     """Vehicle 0 is annotated in pair 0, 1 is detected in pair 4."""
     sequence, lanes, marks = dense
     left, right = project(sequence, marks[1], 4, vehicle=1)
@@ -785,7 +783,7 @@ def test_of_what_is_found_in_a_dense_pair_all_know_in_that_pair(dense):
     assert (held.left_px == told.quad_left_px).all()
 
 
-def test_what_is_found_is_not_followed_over_a_step_of_the_clock(dense):
+def test_found_vehicle_is_not_tracked_over_a_step_of_the_clock(dense):
     sequence, _, marks = dense
     pipeline, _ = automatic(dense, marks[:1], {1})
     first, second, later = sequence.pairs[:3]
@@ -797,7 +795,7 @@ def test_what_is_found_is_not_followed_over_a_step_of_the_clock(dense):
     assert pipeline.next_track == 0
 
 
-def test_readings_are_told_before_new_vehicles_are_searched_for(scene):
+def test_readings_are_published_before_the_search_for_new_vehicles(scene):
     """Vehicle 0 is annotated in pair 0; 1 is detected in pair 4."""
     sequence, lanes, marks = scene
     said = []
@@ -827,14 +825,14 @@ def test_readings_are_told_before_new_vehicles_are_searched_for(scene):
 @pytest.mark.parametrize(('unnoticed_mps', 'std_mps', 'state'), [
     (0.0, 0.45, TrackState.CONFIRMED), (1.8, 0.75, TrackState.CONFIRMED),
     (1.9, math.hypot(0.45, 1.9 / 3), TrackState.TENTATIVE)])
-def test_a_reading_allows_for_braking_that_does_not_show_yet(unnoticed_mps, std_mps, state):
-    """By 3 sigma, which leaves one for noise; of more than 0.75 m/s it is no reading."""
+def test_reading_allows_for_braking_that_is_not_visible_yet(unnoticed_mps, std_mps, state):
+    """By 3 sigma, which leaves one for noise; above 0.75 m/s there is no reading."""
     update = replace(update_at(0.0, 30.0), speed_std_mps=0.45, unnoticed_mps=unnoticed_mps)
     told = with_unnoticed(update, VisibilityConfig())
     assert told.speed_std_mps == pytest.approx(std_mps) and told.state is state
 
 
-def test_what_readings_allow_for_changes_no_pass_and_no_other_number(scene):
+def test_allowance_of_readings_changes_no_pass_and_no_other_value(scene):
     sequence, lanes, marks = scene
     said, results = [], []
     for braking_mps2 in (0.0, 6.0):
@@ -855,7 +853,7 @@ def test_what_readings_allow_for_changes_no_pass_and_no_other_number(scene):
 
 
 def lane(name, x_m):
-    """Lay a lane that comes along -z, ``x_m`` to the right of the camera."""
+    """Return a lane that comes along -z, ``x_m`` to the right of the camera."""
     path = StraightPath(np.array([x_m, 2.0, 60.0]), np.array([0.0, 0, -1]), 50.0)
     return LanePath(name, path, None, np.full(2, 1e-3), 0.0)
 
@@ -872,7 +870,7 @@ def passed(**changes):
     return PassResult(0, 'right', 0, 1, 5, 20.0, 0.1, Verdict.MEASURED, '', {}, {}, **changes)
 
 
-def test_lanes_of_a_vehicle_that_moves_over():
+def test_lanes_of_a_vehicle_that_changes_lanes():
     # Left of travel is +x here: from the lane at x = 0 to the one at 3.6, undecided between.
     both = {'right': lane('right', 0.0), 'left': lane('left', 3.6)}
     keeper = LaneAssigner(both, VerdictConfig())
@@ -883,7 +881,7 @@ def test_lanes_of_a_vehicle_that_moves_over():
     assert (result.lane, result.lane_to, result.verdict) == ('right', 'left', Verdict.MEASURED)
 
 
-def test_what_runs_beside_the_road_is_rejected():
+def test_object_beside_the_road_is_rejected():
     keeper = LaneAssigner({'right': lane('right', 0.0)}, VerdictConfig())
     for x in (2.0, 4.0, 5.0, 6.0):
         keeper.place(update_at(x, 40.0))
@@ -891,7 +889,7 @@ def test_what_runs_beside_the_road_is_rejected():
     assert (result.verdict, result.reason) == (Verdict.REJECTED, 'off_path')
 
 
-def test_a_trace_of_before_pairs_could_be_hurried_is_read(hurries):
+def test_trace_without_hurried_pairs_can_be_read(hurries):
     """Missing optional fields get their defaults; missing mandatory ones are an error."""
     written = trace_record(hurries[2][0].trace)
     for pair in written['pairs']:

@@ -34,7 +34,7 @@ def points(*pairs):
     return entry_points
 
 
-def test_others_are_found_by_their_entry_points(monkeypatch):
+def test_external_classes_are_found_by_their_entry_points(monkeypatch):
     monkeypatch.setattr(module, 'entry_points', points(
         ('mine', 'collections:OrderedDict'), ('own', 'a:B')))
     found = Registry('tracker', 'some.group', {'own': 'a:B'})
@@ -49,7 +49,7 @@ def test_others_are_found_by_their_entry_points(monkeypatch):
     ((('broken', 'no_such_module:C'),), 'broken', 'tracker broken: no_such_module:C: found No'),
     ((('empty', 'collections:Nothing'),), 'empty', 'tracker empty: collections:Nothing: found'),
 ], ids=['twice', 'unknown', 'module', 'class'])
-def test_what_cannot_be_had_is_named(offered, wanted, line, monkeypatch):
+def test_unavailable_class_is_named(offered, wanted, line, monkeypatch):
     monkeypatch.setattr(module, 'entry_points', points(*offered))
     with pytest.raises(InputError) as caught:
         Registry('tracker', 'some.group', {'own': 'a:B'}).load(wanted)
@@ -59,7 +59,7 @@ def test_what_cannot_be_had_is_named(offered, wanted, line, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'imported', ['stereo_speed.cli.replay', 'stereo_speed.nodes.tracker_node'])
-def test_the_instrument_starts_without_the_laboratory(imported):
+def test_instrument_starts_without_the_laboratory(imported):
     if '.nodes.' in imported:
         pytest.importorskip('rclpy')
     code = (f'import sys, {imported}\n'

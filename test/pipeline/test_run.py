@@ -36,7 +36,7 @@ def scripted(steps, at_end):
     return SimpleNamespace(process=lambda pair: next(waiting), finish=lambda: at_end)
 
 
-def test_updates_of_what_became_no_vehicle_are_left_out():
+def test_updates_of_discarded_tracks_are_left_out():
     two = replace(UPDATE, track=1)
     done = run(scripted([Step([UPDATE, two], []), Step([two], [])], [PASS]), pairs(2))
     assert done.updates == [UPDATE] and done.passes == [PASS]
@@ -49,14 +49,14 @@ def test_passes_are_sorted_by_track_whenever_they_end():
     assert [p.track for p in done.passes] == [0, 1, 2]
 
 
-def test_an_observer_sees_every_pair_with_what_came_of_it():
+def test_observer_gets_every_pair_with_its_results():
     steps, seen = [Step([UPDATE], []), Step([], [PASS]), Step([], [])], []
     run(scripted(steps, []), pairs(3), lambda pair, step: seen.append((pair.index, step)))
     assert seen == list(enumerate(steps))
 
 
 class Awaited(Future):
-    """A pass that is measured when somebody waits for it."""
+    """A pass that is measured when its result is awaited."""
 
     def result(self, timeout=None):
         """Return the result."""
@@ -65,7 +65,7 @@ class Awaited(Future):
 
 @pytest.mark.parametrize(('image_bytes', 'most'), [
     (4, MOST_UNTOLD), (MOST_UNTOLD_BYTES // 20, 10), (MOST_UNTOLD_BYTES, 0)])
-def test_as_many_pairs_wait_for_a_pass_as_their_images_have_room(image_bytes, most):
+def test_number_of_waiting_pairs_is_limited_by_their_memory(image_bytes, most):
     image, told, waiting = np.broadcast_to(np.uint8(0), (1, image_bytes)), [], []
     seen = [replace(pair, left=image, right=image) for pair in pairs(MOST_UNTOLD + 10)]
 
@@ -87,7 +87,7 @@ def test_time_in_the_pipeline_is_counted():
     assert 0 < done.cpu_s < done.wall_s + 0.05
 
 
-def test_no_pairs_give_nothing():
+def test_no_pairs_give_empty_results():
     done = run(scripted([], []), [])
     assert (done.updates, done.passes, done.stamps_ns) == ([], [], [])
 
@@ -103,7 +103,7 @@ class Sink:
         self.passes += passes
 
 
-def test_with_a_sink_only_the_first_vehicles_are_held_whole():
+def test_with_a_sink_only_the_first_vehicles_are_kept_in_memory():
     """Each of 30 vehicles is in 4 pairs; every other track was no vehicle."""
     steps, speeds = [], {}
     for k in range(30):

@@ -36,7 +36,7 @@ class WhenTold:
         self.tasks, self.waited, self.is_held_up = deque(), 0, False
 
     def submit(self, task, *, urgent=True):
-        """Keep a task; those that are urgent go first, which nobody here does."""
+        """Keep a task; urgent ones would go first, which no test here uses."""
         self.tasks.append((Future(), task))
         return self.tasks[-1][0]
 
@@ -79,7 +79,7 @@ def marked(dense, solving, config=TrackerConfig()):
 
 
 def detected(dense):
-    """Return what has a track taken for one that a detector has found."""
+    """Return a detection that makes a track count as found by a detector."""
     _, lanes, marks = dense
     return Detection(
         lane=next(iter(lanes)), left_px=marks[0].left_px, right_px=marks[0].right_px, std_px=0.7,
@@ -88,9 +88,9 @@ def detected(dense):
 
 def until_busy(pipeline, solving, pairs):
     """
-    Process pairs until one of two confirmed tracks has its turn, the other no more.
+    Process pairs until one of two confirmed tracks is being solved and the other is not.
 
-    :return: these two, and the rest of the pairs, after one that came in the turn.
+    :return: these two, and the remaining pairs, after one that came during the solution.
     """
     for k, pair in enumerate(pairs):
         pipeline.process(pair)
@@ -141,7 +141,7 @@ def test_readings_do_not_wait_for_solutions(dense):
     assert sorted(readings_of(pipeline.process(pairs[17]))) == [0, 1]
 
 
-def test_passes_are_those_of_solving_at_once(dense):
+def test_passes_equal_those_of_synchronous_solving(dense):
     solving = WhenTold()
     pipeline = marked(dense, solving)
     for pair in dense[0].pairs:
@@ -157,7 +157,7 @@ def test_passes_are_those_of_solving_at_once(dense):
         assert beside.speed_std_mps == pytest.approx(other.speed_std_mps, rel=0.02)
 
 
-def test_pairs_that_came_during_a_solution_are_fed_after_it(dense):
+def test_pairs_that_came_during_a_solution_are_fed_afterwards(dense):
     solving = WhenTold()
     pipeline = marked(dense, solving)
     for pair in dense[0].pairs[:8]:
@@ -174,7 +174,7 @@ def test_pairs_that_came_during_a_solution_are_fed_after_it(dense):
         assert result.pairs == len(stamps)
 
 
-def test_a_pass_is_measured_again_by_its_trace(dense):
+def test_pass_can_be_recomputed_from_its_trace(dense):
     sequence, lanes, _ = dense
     solving = WhenTold()
     pipeline = marked(dense, solving)
@@ -204,7 +204,7 @@ def measured_again(dense, result, config=TrackerConfig()):
 
 
 @pytest.mark.parametrize('every', [1, 3])
-def test_each_other_front_is_in_the_trace_of_a_pair_once(dense, every):
+def test_trace_of_a_pair_contains_each_other_front_once(dense, every):
     solving = WhenTold()
     pipeline = marked(dense, solving)
     for k, pair in enumerate(dense[0].pairs):
@@ -227,8 +227,8 @@ def found(dense, k, **more):
     return pipeline, finder, mark
 
 
-def test_what_is_found_is_begun_once_and_told(dense):
-    """Its detector knows nothing of what is held: it finds the vehicle again in each pair."""
+def test_found_vehicle_is_started_once_and_published(dense):
+    """Its detector ignores what is held: it finds the vehicle again in each pair."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 1, solving=solving)
     told = []
@@ -246,7 +246,7 @@ def test_what_is_found_is_begun_once_and_told(dense):
     assert finder.occupied[-1]
 
 
-def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
+def test_doubted_track_has_no_readings_even_when_extrapolated(dense):
     """The detector saw a speed that was half as high again."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 1, solving=solving)
@@ -260,7 +260,7 @@ def test_what_is_doubted_is_no_reading_whoever_carries_it_on(dense):
     assert not any(readings_of(step) for step in steps)
 
 
-def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
+def test_vehicle_still_being_started_at_the_end_has_no_pass(dense):
     """Earlier pairs would confirm it at once if it had been started."""
     sequence, _, marks = dense
     passes = []
@@ -273,7 +273,7 @@ def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
         for pair in sequence.pairs[:5]:
             mark(pair)
             pipeline.process(pair)
-        assert len(solving.tasks) == 1  # what was found in pair 3 is being begun
+        assert len(solving.tasks) == 1  # the vehicle found in pair 3 is being started
         if told:
             solving.go()
             mark(sequence.pairs[5])
@@ -282,7 +282,7 @@ def test_what_is_being_begun_when_the_stream_ends_has_no_pass(dense):
     assert passes == [0, 1]
 
 
-def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
+def test_background_error_affects_only_its_track(dense, monkeypatch):
     """It is reported like a pass that cannot be measured."""
     solving, errors = WhenTold(), []
     sequence, lanes, marks = dense
@@ -310,7 +310,7 @@ def test_an_error_beside_the_pairs_costs_its_track_alone(dense, monkeypatch):
         assert isinstance(errors.pop(), ZeroDivisionError) and not errors
 
 
-def test_what_misses_a_pair_before_it_is_confirmed_ends(dense, monkeypatch):
+def test_unconfirmed_track_that_misses_a_pair_ends(dense, monkeypatch):
     solving = WhenTold()
     pipeline, _, mark = found(dense, 1, solving=solving)
     for pair in dense[0].pairs[:4]:
@@ -328,7 +328,7 @@ def test_what_misses_a_pair_before_it_is_confirmed_ends(dense, monkeypatch):
     assert track not in pipeline._roster.tracks
 
 
-def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
+def test_duplicate_track_ends_after_its_last_reading(dense):
     solving = WhenTold()
     sequence, lanes, marks = dense
     pipeline = marked(dense, solving)
@@ -350,8 +350,8 @@ def test_one_of_two_tracks_of_a_vehicle_ends_once_it_has_said_all(dense):
     assert len(ended.trace.pairs) == 9
 
 
-def test_a_step_of_the_clock_waits_for_what_is_being_solved_for(dense):
-    """What a detector has found ends with all it has said; what a person marked goes on."""
+def test_step_of_the_clock_waits_for_solutions_under_way(dense):
+    """A detected vehicle ends with all its readings; an annotated one continues."""
     solving = WhenTold()
     pipeline, pairs = marked(dense, solving), dense[0].pairs
     period_ns = pairs[1].stamp_ns - pairs[0].stamp_ns
@@ -370,7 +370,7 @@ def test_a_step_of_the_clock_waits_for_what_is_being_solved_for(dense):
     assert pipeline._roster.tracks == [other]
 
 
-def test_where_the_views_have_two_stamps_solutions_are_waited_for(dense):
+def test_solutions_are_awaited_where_the_views_have_two_stamps(dense):
     """Positions in the right view are known only when its times are."""
     solving = WhenTold()
     pipeline = marked(dense, solving)
@@ -388,7 +388,7 @@ def test_where_the_views_have_two_stamps_solutions_are_waited_for(dense):
 
 
 def uneven_until(ns, period_ns):
-    """Return what has seen stamps of which every other one was 4 ms late, until one to come."""
+    """Return a stamp watch that has seen every other stamp 4 ms late, until a coming one."""
     watch = StampWatch()
     for k in range(20, 0, -1):
         watch.add(ns - k * period_ns + 4_000_000 * (k % 2))
@@ -396,8 +396,8 @@ def uneven_until(ns, period_ns):
 
 
 @pytest.mark.parametrize('more', [0, 100])
-def test_nobody_waits_to_tell_what_is_being_solved_for_of_its_stamps(dense, more):
-    """It is told when its turn is over, with which the stream may be over as well."""
+def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
+    """It learns of them after its solution, with which the stream may end as well."""
     solving, pairs = WhenTold(), dense[0].pairs
     config = TrackerConfig(max_speed_std_share=1.0)  # of a third of a second, too
     pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
@@ -430,8 +430,8 @@ def test_nobody_waits_to_tell_what_is_being_solved_for_of_its_stamps(dense, more
         assert again == (result.smoothed if more else pytest.approx(result.smoothed, abs=1e-3))
 
 
-def test_what_is_begun_is_told_of_in_the_pairs_that_it_has_seen(dense):
-    """It has missed those that came meanwhile: neither has another one in its trace there."""
+def test_started_track_is_in_the_trace_of_the_pairs_that_it_has_seen(dense):
+    """It missed the pairs of the meantime: neither trace has the other vehicle there."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 8, solving=solving, annotations=dense[2][1:])
     finder.pairs, pairs = {8}, dense[0].pairs
@@ -449,8 +449,8 @@ def test_what_is_begun_is_told_of_in_the_pairs_that_it_has_seen(dense):
     assert len(old) > len(new) + 8
 
 
-def test_what_is_solved_for_takes_the_place_of_what_was_expected(dense):
-    """In the trace of what was found in the pair, and begun before this was solved for."""
+def test_solution_replaces_the_expected_place_in_the_trace(dense):
+    """In the trace of a vehicle found in that pair and started before the solution."""
     solving = WhenTold()
     pipeline, finder, mark = found(dense, 0, solving=solving, annotations=dense[2][1:])
     finder.pairs, pairs = set(), iter(dense[0].pairs)
@@ -482,7 +482,7 @@ def test_what_is_solved_for_takes_the_place_of_what_was_expected(dense):
     assert not np.array_equal(expected_px, said.quad_left_px)
 
 
-def test_a_pair_that_is_lost_has_nobody_wait(dense):
+def test_lost_pair_does_not_block(dense):
     solving = WhenTold()
     pipeline = marked(dense, solving)
     for k, pair in enumerate(dense[0].pairs):
@@ -494,9 +494,9 @@ def test_a_pair_that_is_lost_has_nobody_wait(dense):
     assert solving.tasks and not solving.waited
 
 
-def test_who_cannot_tell_before_it_has_solved_is_solved_for_at_once(dense):
+def test_tracker_that_cannot_extrapolate_is_solved_at_once(dense):
     class Plain:
-        """A tracker with no more than it takes."""
+        """A tracker with only the required methods."""
 
         def __init__(self, tracker):
             self.tracker, self.track = tracker, tracker.track
@@ -516,7 +516,7 @@ def test_who_cannot_tell_before_it_has_solved_is_solved_for_at_once(dense):
     assert sorted(readings_of(step)) == [0, 1]
 
 
-def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
+def test_solution_half_a_second_late_is_awaited(dense):
     solving = WhenTold()
     pipeline = marked(dense, solving)
     worked_on = []
@@ -530,7 +530,7 @@ def test_a_solution_that_is_half_a_second_late_is_waited_for(dense):
     assert worked_on[2] == worked_on[15] != worked_on[-1]
 
 
-def test_pairs_that_are_far_apart_are_solved_for_in_their_turn(tmp_path):
+def test_widely_spaced_pairs_are_solved_in_order(tmp_path):
     scene = two_abreast(tmp_path, pairs=6)
     solving = WhenTold()
     pipeline = marked(scene, solving)
@@ -539,8 +539,8 @@ def test_pairs_that_are_far_apart_are_solved_for_in_their_turn(tmp_path):
         assert not solving.tasks and len(step.updates) == 2
 
 
-def test_a_thread_gives_the_same_as_being_told(dense):
-    """As it solves between pairs, so does it when pairs wait for it."""
+def test_thread_gives_the_same_results_as_explicit_solving(dense):
+    """Both when it solves between pairs and when pairs wait for it."""
     told, thread = WhenTold(), SolvingBeside()
     results = []
     try:
@@ -556,7 +556,7 @@ def test_a_thread_gives_the_same_as_being_told(dense):
     assert results[0] == results[1]
 
 
-def test_what_is_expected_changes_nothing(dense):
+def test_extrapolation_does_not_change_the_result(dense):
     sequence, lanes, marks = dense
     asked, left = (SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks)
                    for _ in range(2))
@@ -569,8 +569,8 @@ def test_what_is_expected_changes_nothing(dense):
     assert [r.smoothed for r in asked.finish()] == [r.smoothed for r in left.finish()]
 
 
-def test_expecting_while_a_thread_solves_changes_nothing(dense):
-    """Switched between as often as can be."""
+def test_extrapolation_during_a_solution_does_not_change_the_result(dense):
+    """Threads are switched as often as possible."""
     sequence, lanes, marks = dense
     asked, left = (SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks)
                    for _ in range(2))
@@ -593,7 +593,7 @@ def test_expecting_while_a_thread_solves_changes_nothing(dense):
     assert [r.smoothed for r in asked.finish()] == [r.smoothed for r in left.finish()]
 
 
-def test_urgent_tasks_go_first_but_not_for_ever():
+def test_urgent_tasks_go_first_but_not_forever():
     solving, held, order = SolvingBeside(), threading.Event(), []
     try:
         first = solving.submit(lambda: held.wait(30.0))
@@ -607,7 +607,7 @@ def test_urgent_tasks_go_first_but_not_for_ever():
     assert order == [0, 1, 2, 'new', 3, 4]
 
 
-def test_what_has_not_begun_when_it_is_closed_is_given_up():
+def test_tasks_not_begun_at_closing_are_dropped():
     solving, held = SolvingBeside(), threading.Event()
     running = solving.submit(lambda: held.wait(30.0))
     never = solving.submit(lambda: 1 / 0)

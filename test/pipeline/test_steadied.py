@@ -37,14 +37,14 @@ def still():
 
 
 @pytest.mark.slow
-def test_a_rig_that_stands_still_measures_as_without_any_steadying(still):
+def test_fixed_rig_measures_as_without_steadying(still):
     result, _, pipeline = still
     assert pipeline.steadier.state().swayed == 0
     assert result.speed_mps == measured(SMALL, OFF)[0].speed_mps
 
 
 @pytest.mark.slow
-def test_the_sway_of_a_rig_is_in_no_speed(still):
+def test_sway_of_the_rig_does_not_affect_the_speed(still):
     moving = replace(SMALL, sway_deg=0.1)
     result, true, pipeline = measured(moving)
     assert result.verdict is Verdict.MEASURED and result.pairs >= still[0].pairs - 1
@@ -53,7 +53,7 @@ def test_the_sway_of_a_rig_is_in_no_speed(still):
 
 
 @pytest.mark.slow
-def test_a_right_camera_that_turns_under_way_is_corrected():
+def test_right_camera_that_rotates_during_the_pass_is_corrected():
     turned = replace(SMALL, right_turn_deg=(0.03, 0.0, 0.0), right_turn_s=0.45)
     result, true, pipeline = measured(turned)
     assert np.degrees(pipeline.steadier.drift.corrected_rad[0]) == pytest.approx(0.03, abs=2e-3)
@@ -62,7 +62,7 @@ def test_a_right_camera_that_turns_under_way_is_corrected():
 
 
 @pytest.mark.slow
-def test_a_site_is_refined_by_steadied_pairs():
+def test_site_is_refined_with_steadied_pairs():
     sequence = simulated_sequence(replace(SMALL, sway_deg=0.05), (4,), LineKnowledge.PICKED)
     rough = sequence.site
     place = MeasuringSite.of(rough.site, rough.rig, sequence.pairs, ON.site)

@@ -44,40 +44,40 @@ def told(tracks, *, hurried=False, dense=False):
     return [t.tracker.told for t in tracks]
 
 
-def test_where_pairs_are_rare_none_gives_way():
+def test_no_track_is_hurried_where_pairs_are_rare():
     assert told(tracks_of(1.0, 0.1, 0.01)) == [False] * 3
 
 
-def test_where_pairs_are_dense_of_those_that_are_due_the_one_that_waited_longest_has_its_turn():
-    """What is not due does little by itself, and after two intervals none waits."""
+def test_dense_pair_solves_the_due_track_that_waited_longest():
+    """A track that is not due does little by itself, and after two intervals none waits."""
     due = 1.1 * INTERVAL_S
     assert told(tracks_of(due, 1.2 * due, 0.5 * INTERVAL_S), dense=True) == [True, False, False]
     late = 1.1 * MOST_TIMES * INTERVAL_S
     assert told(tracks_of(late, 1.2 * late), dense=True) == [False, False]
 
 
-def test_where_pairs_wait_one_is_solved_for_and_that_only_when_its_solution_is_old():
+def test_waiting_pair_solves_one_track_if_its_solution_is_old():
     assert told(tracks_of(1.1 * OLD_S, 1.2 * OLD_S), hurried=True) == [True, False]
     assert told(tracks_of(0.8 * OLD_S, 0.9 * OLD_S), hurried=True) == [True, True]
 
 
-def test_what_was_never_solved_for_always_is():
+def test_track_never_solved_is_always_solved():
     assert told(tracks_of(math.inf, math.inf, 2 * OLD_S), hurried=True) == [False, False, True]
 
 
 @pytest.mark.parametrize(('times', 'turn'), [(0.9, 1), (1.1, 0)])
-def test_where_pairs_wait_an_occluded_vehicle_waits_three_times_as_long(times, turn):
+def test_occluded_vehicle_waits_three_times_as_long_where_pairs_wait(times, turn):
     tracks = tracks_of(times * OCCLUDED_TIMES * 1.5 * OLD_S, 1.5 * OLD_S, occluded=[0])
     assert np.flatnonzero(~np.array(told(tracks, hurried=True))).tolist() == [turn]
 
 
-def test_the_pair_in_which_a_track_was_last_not_hurried_is_kept():
+def test_last_unhurried_pair_of_a_track_is_kept():
     first, second = tracks_of(1.1 * OLD_S, 1.2 * OLD_S)
     told([first, second], hurried=True)
     assert (first.unhurried_ns, second.unhurried_ns) == (None, NOW_NS)
 
 
-def test_a_tracker_that_knows_no_age_waits_since_it_was_last_not_hurried():
+def test_tracker_without_an_age_counts_from_its_last_unhurried_pair():
     hurries = SimpleNamespace(hurry=lambda hurried: None)
     track = Track(hurries, None, None, 0, None, None, None, confirmed=True)
     assert track.waited_s(NOW_NS) == math.inf

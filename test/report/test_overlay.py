@@ -21,7 +21,7 @@ def test_path_by_hand(pair, lanes, rig):
     assert np.all(image[:, :300] == 90)
 
 
-def test_front_is_drawn_where_it_is(pair, updates, lanes, rig):
+def test_front_is_drawn_at_its_place(pair, updates, lanes, rig):
     update = updates[4]
     image = draw(pair, [update], lanes, rig)
     top_left, _, bottom_right, _ = np.round(update.quad_left_px).astype(int)
@@ -30,7 +30,7 @@ def test_front_is_drawn_where_it_is(pair, updates, lanes, rig):
         assert image[middle, u].astype(int).tolist() == pytest.approx(colour_of(3), abs=60)
 
 
-def test_the_right_view_has_its_own_path_and_front(pair, updates, lanes, rig):
+def test_right_view_has_its_own_path_and_front(pair, updates, lanes, rig):
     image = draw(pair, updates[4:5], lanes, rig, right=True)
     left, right, _, _ = rig.project(np.array([[0.0, 2.0, 25.0]]))
     u, v = np.round(right[0]).astype(int)
@@ -40,7 +40,7 @@ def test_the_right_view_has_its_own_path_and_front(pair, updates, lanes, rig):
     assert image[middle, top_left[0]].astype(int).tolist() == pytest.approx(colour_of(3), abs=60)
 
 
-def test_input_is_left_alone(pair, updates, lanes, rig):
+def test_input_is_not_modified(pair, updates, lanes, rig):
     draw(pair, updates[4:5], lanes, rig)
     assert np.all(pair.left == 90)
 
@@ -69,7 +69,7 @@ def test_label_by_hand(updates):
     assert label(updates[4]) == ('#3 44.7 +/- 0.7 mph', '72.0 +/- 1.1 km/h')
 
 
-def test_a_track_that_is_not_confirmed_shows_no_speed(updates):
+def test_unconfirmed_track_shows_no_speed(updates):
     text = ' '.join(label(replace(updates[4], state=TrackState.TENTATIVE)))
     assert 'mph' not in text
     assert 'km/h' not in text

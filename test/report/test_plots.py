@@ -14,11 +14,11 @@ from stereo_speed.report import overlay, plots
 
 
 def texts(axes) -> str:
-    """Join all labels of a legend."""
+    """Return all labels of a legend, joined."""
     return ' | '.join(axes.get_legend_handles_labels()[1])
 
 
-def test_files_are_the_same_bytes_again(tmp_path, updates, passes, lanes):
+def test_same_run_gives_the_same_bytes(tmp_path, updates, passes, lanes):
     contents = []
     for name in ('a', 'b'):
         (tmp_path / name).mkdir()
@@ -51,7 +51,7 @@ def test_speed_has_live_smoothed_band_and_limit(updates, passes, lanes):
     assert len(bands) == 1
 
 
-def test_truth_is_drawn_where_it_is_given(updates, passes, lanes):
+def test_truth_is_drawn_if_given(updates, passes, lanes):
     truth = {'car': [(u.stamp_ns, 21.0) for u in updates]}
     axes = plots.speed_figure(updates, passes, lanes, truth).axes[0]
     line = [line for line in axes.lines if line.get_label() == 'truth'][0]
@@ -59,7 +59,7 @@ def test_truth_is_drawn_where_it_is_given(updates, passes, lanes):
     assert np.ptp(line.get_xdata()) == pytest.approx(1.4)
 
 
-def test_rejected_pass_says_why(updates, passes, lanes):
+def test_rejected_pass_shows_its_reason(updates, passes, lanes):
     rejected = replace(passes[0], verdict=Verdict.REJECTED, reason='too_short', speed_mps=None,
                        speed_std_mps=None)
     assert 'rejected (too_short)' in texts(plots.speed_figure(updates, [rejected], lanes).axes[0])

@@ -56,7 +56,7 @@ def test_boundaries_of_the_map_are_drawn_on_the_frame(labels):
     np.testing.assert_array_equal(drawn, wanted)
 
 
-def test_field_shows_kinds_and_contours_every_so_many_pixels(labels):
+def test_field_shows_kinds_and_contours_at_an_interval(labels):
     """Along row 50 the boundary is at 39.5; contours are 10 px apart on both sides of it."""
     drawn = draw_field(DistanceField(labels), step_px=10.0)
     assert len({tuple(drawn[y, x]) for y, x in ((50, 33), (50, 46), (4, 60))}) == 3
@@ -66,7 +66,7 @@ def test_field_shows_kinds_and_contours_every_so_many_pixels(labels):
     np.testing.assert_allclose(changed, [10, 20, 30, 40, 50, 60, 70], atol=1)
 
 
-def test_field_over_an_image_leaves_it_as_it_is(labels):
+def test_field_over_an_image_does_not_modify_it(labels):
     image = np.full((60, 80, 3), 77, np.uint8)
     drawn = draw_field(DistanceField(labels), image)
     assert np.all(image == 77) and np.any(drawn != 77)

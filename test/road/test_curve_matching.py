@@ -34,7 +34,7 @@ def test_exact_picks_give_the_points():
     assert np.all((found.sine > 0) & (found.sine <= 1))
 
 
-def test_errors_of_matches_go_by_their_sine():
+def test_errors_of_matches_depend_on_the_sine_of_the_crossing():
     """Depth errors of noisy picks have the 1-sigma that follows from the crossing's sine."""
     rig, rng, true = make_rig(), np.random.default_rng(6), circle(np.linspace(0.0, 0.6, 200))
     left = rig.project(true)[0]
@@ -48,7 +48,7 @@ def test_errors_of_matches_go_by_their_sine():
     assert np.std(np.concatenate(scores)) == pytest.approx(1.0, abs=0.05)
 
 
-def test_other_places_of_the_left_curve_can_be_matched():
+def test_selected_places_of_the_left_curve_can_be_matched():
     rig = make_rig()
     views = [rig.project(circle(np.linspace(0.0, 0.6, n)))[i] for i, n in ((0, 20), (1, 25))]
     at = image_spline(views[0])(np.linspace(0.1, 0.9, 7))
@@ -57,7 +57,7 @@ def test_other_places_of_the_left_curve_can_be_matched():
     np.testing.assert_allclose(rig.left.project(found.points_m)[0], at, atol=2e-3)
 
 
-def test_lines_along_the_epipolar_lines_do_not_match():
+def test_lines_along_epipolar_lines_do_not_match():
     """A level line under a level baseline hardly crosses its epipolar lines."""
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     assert len(match_curves(make_rig(), flat, flat - [10, 0]).points_m) == 0

@@ -31,7 +31,7 @@ def test_exact_picks_of_a_curve(make_scene):
     np.testing.assert_allclose(np.diff(np.sort(model.offsets(x))), [3.5, 3.5], atol=0.4)
 
 
-def test_a_line_of_which_little_but_its_ends_was_found_says_little(make_scene):
+def test_line_found_only_near_its_ends_has_little_influence(make_scene):
     """A curve through its two ends would cut through the bend."""
     scene = make_scene(curvature=1 / 80, std_px=0.0)
     whole, x = guess_road(scene.rig, list(scene.lines.values()), 1)
@@ -51,7 +51,7 @@ def test_every_pick_is_within_the_road(make_scene):
     assert np.all(np.abs(feet.s_m) < 1.05 * model.half_length_m)
 
 
-def test_views_with_nothing_in_common(make_scene):
+def test_views_without_common_points_are_refused(make_scene):
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(NoRoadError, match='fewer than 3 points in common'):
         guess_road(make_scene().rig, [(flat, flat - [10, 0])], 0)
@@ -61,7 +61,7 @@ def in_a_sag(rig, x_m):
     """
     Return a line x_m beside the camera on a road that climbs towards it by 2 %, from a sag.
 
-    The camera is 2.3 m high and looks level; 33 to 68 m away the grade goes over to 3 % downhill.
+    The camera is 2.3 m high and looks level; 33 to 68 m away the grade changes to 3 % downhill.
     """
     z = np.linspace(100, 11, 2000)
     sinks = np.interp(z, [33, 68], [0.02, -0.03])  # with the distance
@@ -74,7 +74,7 @@ def in_a_sag(rig, x_m):
     return tuple(picks)
 
 
-def test_a_road_out_of_a_sag_is_as_long_as_it_is_seen(make_scene):
+def test_road_through_a_sag_is_as_long_as_its_visible_part(make_scene):
     """The plane of its near part meets the rays of its far part kilometres away, or never."""
     rig = make_scene().rig
     lines = {name: in_a_sag(rig, x_m) for name, x_m in (('a', -2.0), ('b', 1.5), ('c', 5.0))}

@@ -23,13 +23,13 @@ from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
 
 
 def lane_of(scene):
-    """Fit the road; give the fit and its first lane."""
+    """Fit the road; return the fit and its first lane."""
     fit = fit_road(scene.rig, scene.lines)
     return fit, lane_of_road('lane', fit, (0, 1), 25.0)
 
 
 def scale_error(path, scene, last_m=np.inf):
-    """Compare arc lengths between the ends of the last stretch of the true lane."""
+    """Return the relative error of arc length between the ends of the true lane's last stretch."""
     near = scene.s_m >= scene.s_m[-1] - last_m
     s, true = path.arc_length(scene.lane_m[near]), scene.s_m[near]
     return (s[-1] - s[0]) / (true[-1] - true[0]) - 1
@@ -60,8 +60,8 @@ def test_curve_of_41_m(make_scene, grade, bends):
     assert abs(scale_error(lane.path, scene)) < 0.01
 
 
-def test_exact_picks_give_the_road_exactly(make_scene):
-    """Without scatter what is left comes from the picks' interpolation."""
+def test_exact_picks_give_the_exact_road(make_scene):
+    """Without scatter only the interpolation of the picks contributes an error."""
     scene = make_scene(curvature=1 / 80, std_px=0.0)
     _, lane = lane_of(scene)
     assert abs(scale_error(lane.path, scene)) < 1e-4
@@ -89,7 +89,7 @@ def test_claimed_scatter_is_the_scatter(make_scene):
     assert np.all((rms > 0.6) & (rms < 1.5)), rms
 
 
-def test_one_straight_line_is_that_of_the_closed_form(make_scene):
+def test_single_straight_line_equals_the_closed_form(make_scene):
     """Two image lines determine exactly its unknowns: the fit is that of 2012, eq. 19-21."""
     scene = make_scene(seed=2)
     left, right = scene.lines['line_0']
@@ -103,7 +103,7 @@ def test_one_straight_line_is_that_of_the_closed_form(make_scene):
         assert np.linalg.norm(np.cross(off, alone.tangent(0.0))) < 0.01  # at 85 m and nearer
 
 
-def test_one_stray_pick_does_little(make_scene):
+def test_single_outlier_pick_has_little_influence(make_scene):
     """A pick 15 px off moves the direction by less than 0.1 degrees."""
     scene = make_scene(seed=3)
     lines = {name: (left.copy(), right.copy()) for name, (left, right) in scene.lines.items()}
@@ -113,7 +113,7 @@ def test_one_stray_pick_does_little(make_scene):
 
 
 @pytest.mark.parametrize('beside', [0.0, 1e-3], ids=['fit', 'beside it'])
-def test_squares_touch_the_robust_cost(make_scene, beside):
+def test_squares_are_tangent_to_the_robust_cost(make_scene, beside):
     """They equal that of the picks, and so do their gradients, with or without stray picks."""
     scene = make_scene(seed=3)
     lines = {name: (left.copy(), right.copy()) for name, (left, right) in scene.lines.items()}
@@ -137,7 +137,7 @@ def test_squares_touch_the_robust_cost(make_scene, beside):
 
 
 def test_single_line(make_scene):
-    """One line gives its direction too; its up is then the camera's."""
+    """One line determines its direction too; up is then the camera's."""
     scene = make_scene()
     fit = fit_road(scene.rig, {'line_0': scene.lines['line_0']})
     lane = lane_of_road('lane', fit, (0,), None)
@@ -163,7 +163,7 @@ def test_jacobian_against_differences(make_scene, shape):
             got[:, i], wanted, atol=2e-3 * np.abs(wanted).max(), err_msg=f'parameter {i}')
 
 
-def test_views_with_nothing_in_common(make_scene):
+def test_views_without_common_points_are_refused(make_scene):
     """Level lines under a level baseline give no road."""
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(ValueError, match='fewer than 3 points in common'):
@@ -171,7 +171,7 @@ def test_views_with_nothing_in_common(make_scene):
 
 
 @pytest.mark.parametrize('number', [43, 47])
-def test_a_straight_road_through_a_sag_is_no_bend(number):
+def test_straight_road_through_a_sag_is_no_bend(number):
     """From a low camera precise points of a sag look much like those of a bend."""
     config, std_px = replace(draw_road(0, number).config, pick_std_px=0.02), 0.02
     scene = SimScene(config)
@@ -186,9 +186,9 @@ def test_a_straight_road_through_a_sag_is_no_bend(number):
 
 def banked_bend(s_m, left_m):
     """
-    Return points (n, 3) of a bend whose crossfall is built up evenly from 20 to 80 of its 85 m.
+    Return points (n, 3) of a bend whose crossfall builds up evenly from 20 to 80 of its 85 m.
 
-    As roads are built: it begins and ends with a bend in the crossfall, which no polynomial has.
+    As in real roads the crossfall starts and stops changing abruptly, unlike a polynomial.
     """
     f = np.linspace(0.0, 85.0, 4001)
     curvature = np.interp(f, [0, 85], [0.006, 0.009])
@@ -204,7 +204,7 @@ def banked_bend(s_m, left_m):
 
 
 def banked_picks(rig):
-    """Return lines of 0.02 px, without scatter, of that bend, and their 1-sigmas."""
+    """Return exact picks of that bend's lines, and their 1-sigmas of 0.02 px."""
     s, lines = np.linspace(0.0, 85.0, 80), {}
     for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
         left, right, in_left, in_right = rig.project(banked_bend(s, left_m))
@@ -213,7 +213,7 @@ def banked_picks(rig):
                    for name, views in lines.items()}
 
 
-def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
+def test_evenly_built_up_crossfall_is_modelled(make_scene):
     """Otherwise it would be explained by a turned camera, or by more bends."""
     rig = make_scene().rig
     fit = fit_road(rig, *banked_picks(rig), prior=RoadPrior(wander_probability=0.0))
@@ -221,8 +221,8 @@ def test_a_crossfall_that_is_built_up_evenly_is_described_as_such(make_scene):
     assert fit.residual_px.max() < 0.03
 
 
-def test_what_a_built_crossfall_leaves_is_no_camera_that_has_turned(make_scene):
-    """Lines that may be off by millimetres explain it, where a rigid road asks for 2.5 sigmas."""
+def test_residuals_of_a_built_crossfall_are_no_rotated_camera(make_scene):
+    """Lines that wander by millimetres explain them; a rigid road demands a 2.5 sigma rotation."""
     rig = make_scene().rig
     fit = fit_road(rig, *banked_picks(rig), DriftPrior.loose(np.radians(0.05)))
     assert np.all(np.abs(fit.drift_rad) < 1.5 * np.sqrt(np.diag(fit.covariance)[-3:]))
@@ -230,9 +230,10 @@ def test_what_a_built_crossfall_leaves_is_no_camera_that_has_turned(make_scene):
 
 def plain_picks(rig, rng, off_m, std_px=0.03, count=40):
     """
-    Return lines of a flat straight road of which some may be off, and their 1-sigmas.
+    Return lines of a flat straight road, some of them displaced, and their 1-sigmas.
 
-    :param off_m: name of a line to what gives how far it is off to the left at places of 85 m, m.
+    :param off_m: name of a line to a function that gives its displacement to the left at places
+    along 85 m.
     """
     s, lines = np.linspace(0.0, 85.0, count), {}
     for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
@@ -246,7 +247,7 @@ def plain_picks(rig, rng, off_m, std_px=0.03, count=40):
 
 
 @pytest.mark.parametrize('stepped', ['right', 'middle', 'left'])
-def test_a_line_that_steps_is_no_crest(make_scene, stepped):
+def test_line_with_a_step_is_no_crest(make_scene, stepped):
     """A rigid road would explain 6 mm by false crests, banks and bends."""
     rig, rng = make_scene().rig, np.random.default_rng(3)
     picks = plain_picks(rig, rng, {stepped: lambda s: 0.006 * ((s > 20) & (s < 45))})
@@ -258,7 +259,7 @@ def test_a_line_that_steps_is_no_crest(make_scene, stepped):
     assert 0.8 < fit.scale < 1.2
 
 
-def test_picks_that_are_off_one_by_one_ask_for_no_wandering(make_scene):
+def test_independent_errors_of_picks_are_no_wandering(make_scene):
     """The road is then that of rigid lines, to the bit."""
     rig, rng = make_scene().rig, np.random.default_rng(4)
     picks = plain_picks(rig, rng, {})
@@ -269,7 +270,7 @@ def test_picks_that_are_off_one_by_one_ask_for_no_wandering(make_scene):
 
 
 def wandering(rng, std_m, length_m):
-    """Return a function of a place that wanders by so much, alike over a length."""
+    """Return a random function of place with a 1-sigma and a correlation length."""
     knots = np.linspace(0.0, 85.0, 341)
     alike = np.exp(-np.abs(knots[:, None] - knots) / length_m)
     values = std_m * np.linalg.cholesky(alike + 1e-9 * np.eye(len(knots))) @ rng.normal(
@@ -279,7 +280,7 @@ def wandering(rng, std_m, length_m):
 
 @pytest.mark.slow
 def test_claimed_scatter_is_the_scatter_where_lines_wander(make_scene):
-    """Over 6 roads whose lines wander by 2 mm, over other lengths than is supposed."""
+    """Over 6 roads whose lines wander by 2 mm, over other lengths than modelled."""
     rig, scores = make_scene().rig, []
     for seed in range(6):
         rng = np.random.default_rng([seed, 5])
@@ -296,9 +297,9 @@ def test_claimed_scatter_is_the_scatter_where_lines_wander(make_scene):
 
 def dense_log_probability(fit, choices):
     """
-    Give that of picks near a road, whose lines wander by any of some choices, by dense algebra.
+    Return the log probability of picks whose lines wander by any choice, by dense algebra.
 
-    Soft L1 is taken for Gaussians that are as probable; the scatter of the picks is sought.
+    Soft L1 is replaced by Gaussians of equal probability; the scatter of the picks is optimised.
     """
     problem, count = fit.problem, len(fit.problem.picks.line)
     prior, line, s_m = problem.prior, problem.picks.line, fit.feet.s_m
@@ -328,7 +329,7 @@ def dense_log_probability(fit, choices):
 
 
 @pytest.mark.parametrize('seed', [3, 4])
-def test_whether_lines_wander_is_as_probable_as_dense_algebra_says(make_scene, seed):
+def test_probability_of_wandering_equals_dense_algebra(make_scene, seed):
     """With one scatter for both kinds of roads, wandering was thousands of times too probable."""
     rig, rng = make_scene().rig, np.random.default_rng([seed, 9])
     fit = fit_road(rig, *plain_picks(rig, rng, {'middle': wandering(rng, 0.006, 15.0)}, 0.1, 12))
@@ -340,8 +341,8 @@ def test_whether_lines_wander_is_as_probable_as_dense_algebra_says(make_scene, s
     assert wander - rigid == pytest.approx(wanted, abs=0.7)
 
 
-def test_clicked_lines_that_wander_are_of_a_grade_that_is_built(make_scene):
-    """By lines that do not wander it has less evidence than a polynomial whose lines do."""
+def test_wandering_clicked_lines_have_a_built_grade(make_scene):
+    """With rigid lines it has less evidence than a polynomial with wandering lines."""
     rig, rng = make_scene().rig, np.random.default_rng(9)
     lines, _ = crest_picks(rig, rng, 30, 65, -0.05, {
         name: wandering(rng, 0.02, 15.0) for name in ('right', 'middle', 'left')})
@@ -353,7 +354,7 @@ def test_clicked_lines_that_wander_are_of_a_grade_that_is_built(make_scene):
 
 def crest_picks(rig, rng, begin_m, end_m, change, off_m=None):
     """
-    Return lines of 0.02 px of a straight road whose grade changes evenly over some m of 85.
+    Return lines of 0.02 px of a straight road whose grade changes evenly over part of its 85 m.
 
     :param off_m: as for :func:`plain_picks`.
     """
@@ -374,8 +375,8 @@ def crest_picks(rig, rng, begin_m, end_m, change, off_m=None):
 
 @pytest.mark.parametrize('begin_m, end_m, change', [(40, 65, -0.04), (30, 65, 0.05)],
                          ids=['crest', 'sag'])
-def test_a_vertical_curve_is_found_as_it_was_built(make_scene, begin_m, end_m, change):
-    """A polynomial leaves millimetres at its ends, which a rolled camera would explain as well."""
+def test_vertical_curve_is_found_as_built(make_scene, begin_m, end_m, change):
+    """A polynomial leaves millimetres at its ends, which a rolled camera would also explain."""
     rig, rng = make_scene().rig, np.random.default_rng(1)
     lines, std_px = crest_picks(rig, rng, begin_m, end_m, change)
     fit = fit_road(rig, lines, std_px)
@@ -388,7 +389,7 @@ def test_a_vertical_curve_is_found_as_it_was_built(make_scene, begin_m, end_m, c
     assert abs(np.log(length_m / (end_m - begin_m))) < 4 * std[1] < 0.2
 
 
-def test_a_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
+def test_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
     """Without either end in view its ends cannot be determined."""
     rig, rng = make_scene().rig, np.random.default_rng(2)
     fit = fit_road(rig, *crest_picks(rig, rng, -20.0, 105.0, 0.08))
@@ -399,14 +400,14 @@ def test_a_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
     (RoadShape(), 0), (RoadShape(vertical=1), 1), (RoadShape(1, 2), 1), (RoadShape(2, 2), 1),
     (RoadShape(3, 2), 2), (RoadShape(1), 2), (RoadShape(2, 2, 1, 3), 5),
     (RoadShape(vertical_curve=3), 3)])
-def test_each_number_more_is_the_exception_but_the_second_of_a_bend(shape, numbers):
-    """A clothoid is as common as an arc; a bend that lies in a plane is one exception more."""
+def test_each_additional_number_is_an_exception_but_the_second_of_a_bend(shape, numbers):
+    """A clothoid is as common as an arc; a bend that lies in a plane is one more exception."""
     prior = RoadPrior(bent_probability=0.01)
     assert log_chance(shape, prior) == pytest.approx(numbers * np.log(0.01))
 
 
-def test_evidence_is_that_of_the_road_fitted_with_the_scatter_there_is(make_scene):
-    """Picks that are less precise than they say have pulled a road too far off its priors."""
+def test_evidence_uses_the_fit_with_the_actual_scatter(make_scene):
+    """Picks with too small a 1-sigma have pulled a road too far from its priors."""
     rig, rng, factor = make_scene().rig, np.random.default_rng(0), 2.0
     lines, std_px = banked_picks(rig)
     lines = {name: tuple(view + rng.normal(0.0, 0.03, view.shape) for view in views)
@@ -423,7 +424,7 @@ def test_evidence_is_that_of_the_road_fitted_with_the_scatter_there_is(make_scen
 
 
 def found_in_part(line, share):
-    """Return the far end of a line's picks, and many points of what follows a share of it."""
+    """Return the far end of a line's picks, and many points after a share of it."""
     return tuple(np.concatenate([view[:1], np.stack([
         np.interp(np.linspace(share, 1, 30), np.linspace(0, 1, len(view)), column)
         for column in view.T], axis=-1)]) for view in line)
@@ -431,9 +432,8 @@ def found_in_part(line, share):
 
 @pytest.mark.parametrize('std_px', [None, 0.02], ids=['clicked', 'precise'])
 @pytest.mark.parametrize('grade, twist', [(-0.03, 0.05), (0.0, 0.1)])
-def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(
-        make_scene, grade, twist, std_px):
-    """The plane of what is found of a bend whose bank changes meets the far ends too early."""
+def test_road_reaches_the_end_of_partly_found_lines(make_scene, grade, twist, std_px):
+    """The plane of the found part of a bend with changing bank meets the far ends too early."""
     scene = make_scene(curvature=-0.0063, grade=grade, twist=twist, std_px=0.0)
     lines = {name: found_in_part(line, share) for (name, line), share in zip(
         scene.lines.items(), (0.6, 0.65, 0.1))}
@@ -444,7 +444,7 @@ def test_a_road_reaches_the_end_of_lines_that_are_found_in_part(
 
 
 @pytest.mark.parametrize('curvature', [0.0, -0.0063])
-def test_far_picks_astray_leave_the_other_lines_as_they_are(make_scene, curvature):
+def test_far_outlier_picks_do_not_affect_the_other_lines(make_scene, curvature):
     """They may favour a longer road; the most probable of those tried is taken."""
     scene = make_scene(curvature=curvature)
     lines = {name: tuple(view.copy() for view in line) for name, line in scene.lines.items()}

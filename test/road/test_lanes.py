@@ -38,7 +38,7 @@ def test_middle_of_two_lines_of_a_road(fit):
 
 
 def test_spacing_and_numbers(fit):
-    """The distance of the lines, and a 1-sigma as that of their offsets in the covariance."""
+    """The distance of the lines, with a 1-sigma from the covariance of their offsets."""
     assert fit.names == ('right', 'left') and fit.number('left') == 1
     distance, std = fit.spacing(1, 0)
     c = fit.covariance
@@ -54,7 +54,7 @@ def test_plane_of_the_road(fit):
 
 
 def test_middle_of_two_paths(make_scene):
-    """Halfway between, up square to both; its direction is as certain as the survey."""
+    """Halfway between, with up normal to both; its direction is as certain as the survey."""
     rig = make_scene().rig
     right = StraightPath(np.array([-2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
     left = StraightPath(np.array([2.0, 2, 60]), np.array([0.0, 0, -1]), 40.0)
@@ -69,7 +69,7 @@ def test_middle_of_two_paths(make_scene):
     assert lane_of_paths('one', (left,), None, rig, 0.0).path is left
 
 
-def test_length_errors_along_a_lane(make_scene):
+def test_surveyed_lane_has_no_length_errors(make_scene):
     lane = lane_of_paths('one', (StraightPath(np.zeros(3), np.array([0, 0, 1.0]), 40.0),), None,
                          make_scene().rig, 0.0)
     assert lane.scale_std_at(np.array([1.0, 30.0])).tolist() == [0.0, 0.0]

@@ -18,7 +18,7 @@ def model_of(*shape):
 
 
 def test_constant_curvature_is_a_circle():
-    """Frames are rotations, and widening the family changes nothing."""
+    """Frames are rotations, and extending the family changes nothing."""
     model = model_of(1)
     x = np.array([0, 0, 0, 0, -1.0, 2.0, 30.0 / 41])
     points, frames = model.reference(x)
@@ -50,8 +50,8 @@ def test_grade_and_crest():
     assert model_of(0, 0, 1).tilt(np.arange(7.0)).tolist() == [0.0, 0.0]
 
 
-def test_a_vertical_curve_lies_between_two_grades():
-    """Of 24 m about 6 m past the middle, from level to 5 % down; the angles are exact inside."""
+def test_vertical_curve_lies_between_two_grades():
+    """24 m long, about 6 m past the middle, from level to 5 % down; angles within it are exact."""
     model = model_of(0, 0, 0, 0, VERTICAL_CURVE)
     x = np.zeros(model.size)
     x[model.places.vertical_curve] = 6 / 30, np.log(24 / 30), -0.05
@@ -65,7 +65,7 @@ def test_a_vertical_curve_lies_between_two_grades():
 
 
 @pytest.mark.parametrize('tilt', [0, 2])
-def test_a_road_as_built_is_near_the_polynomial(tilt):
+def test_built_road_is_near_the_polynomial(tilt):
     """Where it was seen, the heights of both agree within a few mm."""
     model = model_of(min(tilt, 1), tilt, 2)
     x = np.zeros(model.size)
@@ -79,8 +79,8 @@ def test_a_road_as_built_is_near_the_polynomial(tilt):
     np.testing.assert_allclose(points[seen], want[seen], atol=0.02)
 
 
-def test_a_crossfall_that_changes_banks_the_left_axis():
-    """By the integral of the twist: after half the length the left axis has risen by it."""
+def test_changing_crossfall_banks_the_left_axis():
+    """By the integral of the twist, which is its value at half the length."""
     model = model_of(0, 0, 0, 2)
     x = np.zeros(model.size)
     x[-2:] = 0.06, 0.02
@@ -89,8 +89,8 @@ def test_a_crossfall_that_changes_banks_the_left_axis():
     np.testing.assert_allclose(-frames[:, 1, 1], np.sin(0.06 * u + 0.01 * u**2), atol=1e-12)
 
 
-def test_lines_of_a_tapered_road_run_off_evenly():
-    """By its taper at half the length, on either side; narrower families forget it."""
+def test_lines_of_a_tapered_road_diverge_evenly():
+    """By its taper at half the length, on either side; reduced families drop it."""
     model, x = model_of(1).reshaped(RoadShape(1), np.array([0, 0, 0, 0, -1.0, 2.0, 0.1]), True)
     x[model.places.tapers] = 0.0, 0.03
     lines = np.array([0, 1, 1])
@@ -100,7 +100,7 @@ def test_lines_of_a_tapered_road_run_off_evenly():
     assert again.size == 6 and y.tolist() == [0, 0, 0, 0, -1.0, 2.0]
 
 
-def test_stacks_of_roads_are_the_roads_one_by_one():
+def test_stacked_roads_equal_the_single_roads():
     model = model_of(2, 2, 1, 1)
     x = np.random.default_rng(0).normal(0, 0.05, (4, model.size))
     points, frames = model.reference(x)
@@ -111,15 +111,15 @@ def test_stacks_of_roads_are_the_roads_one_by_one():
         np.testing.assert_allclose(alone[1], f, atol=1e-12)
 
 
-def test_rotations_are_scipy_s():
+def test_rotations_equal_scipy():
     vectors = np.random.default_rng(1).normal(0, 1.0, (5, 3))
     np.testing.assert_allclose(rotation(vectors), Rotation.from_rotvec(vectors).as_matrix(),
                                atol=1e-12)
     np.testing.assert_allclose(rotation(np.zeros((2, 3))), np.tile(np.eye(3), (2, 1, 1)))
 
 
-def test_drift_is_that_of_the_rig(make_scene):
-    """The matrix carries points where the rig with the same drift sees them."""
+def test_drift_equals_that_of_the_rig(make_scene):
+    """The matrix maps points to where the rig with the same drift sees them."""
     rig, drift = make_scene().rig, np.array([0.01, -0.02, 0.03])
     points = np.array([[1.0, 2, 30], [-4, 1, 60]])
     np.testing.assert_allclose(rig.to_right(points) @ drift_matrix(drift),

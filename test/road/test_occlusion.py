@@ -13,7 +13,7 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
 
 def road(rig, radius_m):
-    """Return a road of 80 m over a crest of that radius, its top in the middle."""
+    """Return a road of 80 m over a crest of a radius, with its top in the middle."""
     shape = RoadShape(vertical=1) if np.isfinite(radius_m) else RoadShape()
     model = RoadModel(FRAME, np.array([0, 3.0, 45.0]), 40.0, 2, shape)
     x = np.array([0, 0, 0, 0, -2.0, 2.0, -40.0 / radius_m])[:model.size]
@@ -21,8 +21,8 @@ def road(rig, radius_m):
     return RoadFit(RoadProblem(rig, picks, model), x, 0.0)
 
 
-def test_behind_the_tangent_of_a_crest(make_scene):
-    """Height h(u) = -u^2 / 2R of the place u beyond the top, eye 3 m above the top at u = -45."""
+def test_places_beyond_the_tangent_of_a_crest_are_hidden(make_scene):
+    """Height h(u) = -u^2 / 2R at a distance u beyond the top, eye 3 m above the top at u = -45."""
     s = np.linspace(-38.0, 30.0, 35)
     got = hidden(road(make_scene().rig, 150.0), 0, False, s)
     u = -s
@@ -32,5 +32,5 @@ def test_behind_the_tangent_of_a_crest(make_scene):
     assert got.any() and not got.all()
 
 
-def test_a_plane_hides_nothing(make_scene):
+def test_plane_hides_nothing(make_scene):
     assert not hidden(road(make_scene().rig, np.inf), 1, True, np.linspace(-38.0, 38.0, 9)).any()

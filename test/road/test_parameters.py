@@ -21,7 +21,7 @@ Maker = Callable[[RoadPrior], LanePath]
 
 
 def figures(lane: LanePath) -> np.ndarray:
-    """Return what a measurement takes from a lane."""
+    """Return the properties of a lane that a measurement uses."""
     at = np.linspace(0, 1, 5) * lane.path.length_m
     return np.array([*lane.path.position(at).ravel(), *lane.heading_std_rad, lane.scale_std,
                      lane.shape_std])
@@ -29,7 +29,7 @@ def figures(lane: LanePath) -> np.ndarray:
 
 @pytest.fixture(scope='module')
 def makers(make_scene) -> Mapping[str, Maker]:
-    """Return makers of lanes by name, those that take no time first."""
+    """Return makers of lanes by name, the fast ones first."""
     def fitted(std_px: float = 0.3, **road: float) -> Maker:
         scene = make_scene(std_px=std_px, **road)
         std = {name: tuple(np.full(len(uv), std_px) for uv in views)
@@ -51,7 +51,7 @@ def makers(make_scene) -> Mapping[str, Maker]:
 
 @pytest.fixture(scope='module')
 def made(makers) -> Callable[[str, str, float], np.ndarray]:
-    """Return the function that makes a lane with a parameter at a value, each once."""
+    """Return the function that makes a lane with a parameter at a value, with a cache."""
     @lru_cache(maxsize=None)
     def of(scene: str, name: str, value: float) -> np.ndarray:
         return figures(makers[scene](RoadPrior(**({name: value} if name else {}))))
@@ -59,7 +59,7 @@ def made(makers) -> Callable[[str, str, float], np.ndarray]:
 
 
 def values(name: str) -> list[Any]:
-    """Return values of a parameter that are not its default."""
+    """Return values of a parameter other than its default."""
     known = FIELDS[name]
     low, high = known.metadata['low'], known.metadata['high']
     return [v for v in (min(3 * known.default, high), low, high) if v != known.default]

@@ -11,7 +11,7 @@ LINE = StraightPath(np.array([1.0, 2, 50]), np.array([0.0, 0, -3]), 40.0)
 
 
 def circle(radius_m=41.0, turn=1.2, n=25, **kwargs):
-    """Make a circular path towards the camera, bending to the left of travel (camera +x)."""
+    """Return a circular path towards the camera, bending to the left of travel (camera +x)."""
     a = np.linspace(0, turn, n)
     return SplinePath(np.stack(
         [radius_m * (1 - np.cos(a)), np.full(n, 2.0), 60 - radius_m * np.sin(a)], -1), **kwargs)
@@ -40,7 +40,7 @@ def test_circle_against_its_closed_form():
 
 @pytest.mark.parametrize('path', [LINE, circle(), circle(n=3)],
                          ids=['straight', 'circle', 'three points'])
-def test_keeps_what_a_path_promises(path):
+def test_path_properties_hold(path):
     """Arc length is arc length, frames are rotations, and arc_length inverts position."""
     assert isinstance(path, Path)
     s = np.linspace(-20, path.length_m + 20, 400).reshape(20, 20)

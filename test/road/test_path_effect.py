@@ -12,7 +12,7 @@ from stereo_speed.site.refine.speed_effect import Setup, speed_error
 
 
 def bend(curvature, turn=(0.0, 0.0, 0.0), bow_m=0.0):
-    """Lay a bend that comes from 60 m to 15 m, turned about its middle and bowed."""
+    """Return a bend that comes from 60 m to 15 m, rotated about its middle and bent."""
     s = np.linspace(0.0, 45.0, 60)
     points = np.stack([np.sin(curvature * s) * s / 2, np.full_like(s, 3.0), 60 - s], axis=-1)
     points[:, 0] += bow_m * (1 - (2 * s / 45 - 1)**2)
@@ -22,7 +22,7 @@ def bend(curvature, turn=(0.0, 0.0, 0.0), bow_m=0.0):
 
 @pytest.mark.parametrize('changes', [
     {'turn': (0.0, 0.002, 0.0)}, {'turn': (0.002, 0.0, 0.0)}, {'bow_m': 0.05}])
-def test_the_linear_effect_is_that_of_the_whole_solution(make_scene, changes):
+def test_linear_effect_equals_the_whole_solution(make_scene, changes):
     rig, used, true = make_scene().rig, bend(0.01), bend(0.01, **changes)
     s = np.linspace(0.0, 1.0, PLACES)
     stretch = seen_stretch(rig, true.position(np.linspace(0, true.length_m, 101)))
@@ -37,5 +37,5 @@ def test_the_linear_effect_is_that_of_the_whole_solution(make_scene, changes):
     assert got == pytest.approx(wanted, rel=0.25, abs=2e-4)
 
 
-def test_what_is_hardly_seen_has_no_effect_told(make_scene):
+def test_hardly_visible_path_has_no_effect(make_scene):
     assert seen_stretch(make_scene().rig, np.tile([0.0, 0, -10.0], (20, 1))) is None

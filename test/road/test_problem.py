@@ -45,7 +45,7 @@ def test_picks_know_line_view_and_sigma(rig):
 
 
 def test_feet_are_where_the_picks_were_made(rig):
-    """Exact picks have no residual; a pick beside the line has its distance from it."""
+    """Exact picks have no residual; that of a pick beside the line is its distance."""
     problem = RoadProblem(rig, Picks.of(picks_on(rig)), MODEL)
     feet = problem.feet(X)
     np.testing.assert_allclose(feet.residual_px, 0, atol=1e-6)
@@ -69,7 +69,7 @@ def test_feet_by_brute_force(rig):
         assert abs(feet.residual_px[i]) == pytest.approx(nearest, abs=1e-5)
 
 
-def test_a_line_behind_the_camera_is_far_off(rig):
+def test_line_behind_the_camera_is_far_off(rig):
     behind = replace(MODEL, centre_m=np.array([0, 3.0, -200.0]))
     problem = RoadProblem(rig, Picks.of(picks_on(rig)), behind)
     assert np.all(problem.feet(X).residual_px == 1e3) and np.isfinite(problem.jacobian(X)).all()
@@ -92,7 +92,7 @@ def test_priors_hand_worked(rig):
 
 
 def test_priors_of_a_vertical_curve_hand_worked(rig):
-    """Middle, logarithm of the length against the usual one, and change, each over its sigma."""
+    """Middle, log of length over the usual one, and change, each over its sigma."""
     prior = RoadPrior(vertical_curve_m=50.0, vertical_curve_log_std=0.5, crest_std_per_m=0.001)
     model = replace(MODEL, shape=RoadShape(vertical_curve=3))  # half of it is 25 m
     problem = RoadProblem(rig, Picks.of(picks_on(rig)), model, None, prior)
@@ -101,8 +101,8 @@ def test_priors_of_a_vertical_curve_hand_worked(rig):
         problem.priors(x), [0, 0.5, np.log(2) / 0.5, 0.05 / (25 * 0.001)], atol=1e-9)
 
 
-def test_the_order_of_picks_tells_the_leg_of_a_hairpin():
-    """The second pick is nearer to the last column, but what follows it lies before that."""
+def test_order_of_picks_determines_the_leg_of_a_hairpin():
+    """The second pick is nearer to the last column, but its successor lies before that."""
     cost = np.array([[[0.0, 5, 9, 9], [9, 2, 5, 0], [9, 9, 0, 9]]])
     assert in_order(cost).tolist() == [[0, 1, 2]]
     rng = np.random.default_rng(0)
@@ -112,7 +112,7 @@ def test_the_order_of_picks_tells_the_leg_of_a_hairpin():
         assert tuple(got) == min(ways, key=lambda w: sum(group[range(4), w]))
 
 
-def test_the_prior_is_bounded_and_gives_the_calibrated_covariance():
+def test_prior_is_bounded_and_gives_the_calibrated_covariance():
     with pytest.raises(InputError, match='pick_std_px: found 0.0'):
         RoadPrior(pick_std_px=0.0)
     std = np.radians(0.001)

@@ -32,7 +32,7 @@ def test_pan_along_the_line_of_sight():
 
 
 def test_scale_of_a_lane():
-    """At each place 2 Z pan / b; over the pass between its two ends, nearer to the near one."""
+    """At each place 2 Z pan / b; over the pass between its ends, closer to the near one."""
     pan = np.radians(0.001)
     bare = LanePath('lane', PATH, None, np.zeros(2), 0.0)
     lane = with_scale(bare, make_rig(), np.diag([pan**2, 0.0, 0.0]))
@@ -43,7 +43,7 @@ def test_scale_of_a_lane():
     assert twice.scale_std == pytest.approx(2 * lane.scale_std)
 
 
-def test_a_path_that_nobody_sees_keeps_what_it_had():
+def test_path_out_of_view_keeps_its_scale():
     behind = StraightPath(np.array([0.0, 3.0, -70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
     lane = LanePath('lane', behind, None, np.zeros(2), 0.0)
     assert with_scale(lane, make_rig(), np.eye(3)) is lane

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled splines of paths against scipy's, on a bend that climbs and beyond its ends."""
+"""The compiled splines of paths against scipy's, on a climbing bend and beyond its ends."""
 from __future__ import annotations
 
 import numpy as np
@@ -23,7 +23,7 @@ def curve():
 
 
 @pytest.mark.parametrize('name', ['positions', 'frames', 'arc_lengths'])
-def test_kernels_are_the_splines(curve, name):
+def test_kernels_equal_the_splines(curve, name):
     c, ups, ends = (np.ascontiguousarray(a) for a in curve)
     s_m = np.array([-3.0, 0.0, 0.1, 14.9, 15.0, 30.0, 33.0])
     one = getattr(spline_kernels, name)

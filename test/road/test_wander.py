@@ -18,7 +18,7 @@ COUNT, LENGTH_M = 60, 10.0
 
 
 def two_lines(rng):
-    """Give (n,) places, (n,) derivatives by a line's place, and the lines' ways to wander."""
+    """Return places (n,), derivatives (n,) by a line's place, and the modes of both lines."""
     s, per_m = np.linspace(0.0, 60.0, COUNT), rng.uniform(600, 1800, COUNT)
     mine = np.arange(COUNT) % 2
     return s, per_m, [Ways.of(np.flatnonzero(mine == i), per_m[mine == i], s[mine == i], LENGTH_M)
@@ -26,7 +26,7 @@ def two_lines(rng):
 
 
 def dense(s, per_m, std_m):
-    """Give the covariance (n, n) of picks of two lines in turn that wander, in their own."""
+    """Return the covariance (n, n) of picks of two wandering lines in turn, in their own order."""
     out = np.zeros((COUNT, COUNT))
     for i, std in enumerate(std_m):
         own = np.ix_(np.arange(COUNT) % 2 == i, np.arange(COUNT) % 2 == i)
@@ -35,8 +35,8 @@ def dense(s, per_m, std_m):
     return out
 
 
-def test_chances_hand_worked():
-    """Of two lines the second is like the first: 3/4, then (3/4 + 1) / 2, and so on."""
+def test_probabilities_hand_worked():
+    """The second of two lines resembles the first: 3/4, then (3/4 + 1) / 2, and so on."""
     may = MayWander((0.0, 0.002), (0.75, 0.25))
     assert may.log_chance((0, 0)) == pytest.approx(math.log(3 / 4 * 1.75 / 2))
     for mixed in ((0, 1), (1, 0)):
@@ -46,7 +46,7 @@ def test_chances_hand_worked():
     assert sum(math.exp(may.log_chance(one)) for one in both) == pytest.approx(1)
 
 
-def test_what_may_be_is_what_the_parameters_say():
+def test_choices_follow_the_parameters():
     may = RoadPrior(wander_std_m=0.006, wander_probability=0.3).may_wander
     assert may.std_m == pytest.approx((0, 0.002, 0.006, 0.018))
     assert may.weight[0] / sum(may.weight) == pytest.approx(0.7)
@@ -55,7 +55,7 @@ def test_what_may_be_is_what_the_parameters_say():
 
 @pytest.mark.parametrize('beyond', [0.0, 300.0], ids=['all told', 'more than squares tell'])
 def test_evidence_against_the_dense_gaussian(beyond):
-    """Unknowns eliminated, and the scatter of the picks, which is sought in another way."""
+    """Unknowns eliminated, and the scatter of the picks optimised in another way."""
     rng = np.random.default_rng(0)
     s, per_m, ways = two_lines(rng)
     slope = np.column_stack([rng.normal(size=(COUNT, 2)), per_m * (np.arange(COUNT) % 2)])
@@ -79,7 +79,7 @@ def test_evidence_against_the_dense_gaussian(beyond):
     assert np.ptp(wanted) > 5
 
 
-def test_the_line_that_wanders_is_found_and_the_other_left_alone():
+def test_wandering_line_is_found_and_the_other_one_unchanged():
     rng = np.random.default_rng(1)
     s, per_m, ways = two_lines(rng)
     off = np.linalg.cholesky(dense(s, per_m, (0.0, 0.003)) + np.eye(COUNT)) @ rng.normal(
@@ -91,8 +91,8 @@ def test_the_line_that_wanders_is_found_and_the_other_left_alone():
     assert evidence.asked(MayWander((0.0,), (1.0,)))[1] == (0.0, 0.0)
 
 
-def test_ways_add_up_to_the_covariance_of_the_line():
-    """Those that are left out make less than a hundredth of a pick's variance."""
+def test_modes_add_up_to_the_covariance_of_the_line():
+    """The modes left out make less than a hundredth of a pick's variance."""
     s, per_m, ways = two_lines(np.random.default_rng(2))
     wander = wander_of(ways, (0.002, 0.0), COUNT)
     np.testing.assert_allclose(
@@ -101,8 +101,8 @@ def test_ways_add_up_to_the_covariance_of_the_line():
     assert wander.told == pytest.approx(wander.count - np.trace(information))
 
 
-def test_residuals_and_derivatives_of_lines_that_wander(make_scene):
-    """Numbers of the ways follow the others: linear, with a 1-sigma of 1."""
+def test_residuals_and_derivatives_of_wandering_lines(make_scene):
+    """Amplitudes of the modes follow the other unknowns: linear, with a 1-sigma of 1."""
     scene = make_scene()
     model, x = guess_road(scene.rig, list(scene.lines.values()), 0)
     picks, rng = Picks.of(scene.lines), np.random.default_rng(3)

@@ -56,7 +56,7 @@ def test_both_estimates_of_the_sample_agree_with_the_truth(followed):
 
 @pytest.mark.parametrize(('share', 'off_px'), [(0.05, 0.0), (-0.05, 0.0), (0.0, 1.5)],
                          ids=['too fast', 'too slow', 'disparity off'])
-def test_where_the_first_one_is_wrong_the_second_is_not(followed, share, off_px):
+def test_wrong_first_estimate_does_not_affect_the_second(followed, share, off_px):
     """Regions only mask: moved as by a wrong first estimate, they do not move the second one."""
     place, result, rows = followed
     found = estimate(place, rows, share, off_px)
@@ -68,7 +68,7 @@ def test_where_the_first_one_is_wrong_the_second_is_not(followed, share, off_px)
         assert rejected.speed_mps is None and rejected.second == found
 
 
-def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
+def test_pairs_in_too_quick_succession_add_nothing(followed):
     place, _, rows = followed
     opinion = SecondOpinion(place.rig, place.lanes['lane_0'], CONFIG)
     for pair, update in rows:
@@ -80,7 +80,7 @@ def test_pairs_that_follow_too_soon_tell_nothing_new(followed):
     assert astuple(found) == pytest.approx(astuple(alone), rel=1e-9)
 
 
-def test_too_few_pairs_give_none(followed):
+def test_too_few_pairs_give_no_estimate(followed):
     place, _, rows = followed
     assert estimate(place, rows[:3]) == SecondEstimate(None, None, 3)
     assert estimate(place, rows[:0] or rows[:1]).speed_mps is None
@@ -106,7 +106,7 @@ def test_the_limits_of_agreement(second_mps, std_mps, agree):
     (20.55, '', True),  # within 2 km/h: agreed
     (20.56, '', False), (20.89, '', False),  # may be its own error: below 3 sigmas of 0.3 m/s
     (20.91, 'second_estimate', True), (19.09, 'second_estimate', True)])
-def test_an_uncertain_second_estimate_rejects_only_what_it_can_tell(second_mps, reason, there):
+def test_uncertain_second_estimate_rejects_only_clear_differences(second_mps, reason, there):
     result = compared(a_pass(20.0, second_mps, 0.24), SecondConfig())
     assert result.reason == reason
     assert (result.second.speed_mps is not None) == there
@@ -114,7 +114,7 @@ def test_an_uncertain_second_estimate_rejects_only_what_it_can_tell(second_mps, 
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(10, 40), st.floats(0.01, 1.0), st.floats(-5, 5))
-def test_no_pass_keeps_a_second_estimate_that_differs_too_much(first, std, sigmas):
+def test_kept_second_estimate_never_differs_too_much(first, std, sigmas):
     """However uncertain: the second estimate of a measured pass agrees with it."""
     config, before = SecondConfig(), a_pass(first, first + sigmas * std, std)
     result = compared(before, config)
@@ -128,7 +128,7 @@ def test_rejected_passes_stay_rejected_for_their_own_reason():
     assert compared(before, SecondConfig()).reason == Reason.TOO_FAR
 
 
-def test_nothing_is_estimated_where_nothing_is_seen(followed):
+def test_blank_images_give_no_estimate(followed):
     place, _, rows = followed
     opinion = SecondOpinion(place.rig, place.lanes['lane_0'], CONFIG)
     assert opinion.estimate() == SecondEstimate(None, None, 0)

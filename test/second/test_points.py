@@ -15,7 +15,7 @@ DISPARITY_PX = 7.3
 
 
 def board(scale: float, at: tuple[float, float], gain: float = 1.0, depth=np.uint8):
-    """Return an image with a board scaled about (0, 0), then moved; everything else is grey."""
+    """Return an image of a board scaled about (0, 0), then moved; everything else is grey."""
     rng = np.random.default_rng(3)
     texture = cv2.GaussianBlur(rng.normal(0, 1, (120, 160)).astype(np.float32), (0, 0), 1.5)
     texture = (125 + 40 * texture / texture.std()).astype(np.float32)
@@ -38,7 +38,7 @@ def region(scale: float, at: tuple[float, float]):
 
 @pytest.mark.parametrize('depth', [np.uint8, np.uint16])
 @pytest.mark.parametrize('off_px', [0.0, 3.0], ids=['as told', 'told badly'])
-def test_corners_are_where_the_board_is(depth, off_px):
+def test_corners_are_on_the_board(depth, off_px):
     follower = CornerFollower(SecondConfig())
     first = follower.take(pair(0, 1.0, (60.4, 50.2), depth=depth), region(1.0, (60.4, 50.2)),
                           region(1.0, (60.4 - DISPARITY_PX, 50.2)))
@@ -55,7 +55,7 @@ def test_corners_are_where_the_board_is(depth, off_px):
     assert np.median(np.abs(second.left_px[b] - wanted)) < 0.15
 
 
-def test_a_region_that_shows_nothing_gives_none():
+def test_blank_region_gives_no_corners():
     follower, flat = CornerFollower(SecondConfig()), np.full(SIZE, 90, np.uint8)
     one = StereoPair(0, 0, 0, flat, flat)
     assert len(follower.take(one, region(1.0, (60, 50)), region(1.0, (50, 50))).ids) == 0
@@ -67,7 +67,7 @@ def test_a_region_that_shows_nothing_gives_none():
 
 @pytest.mark.parametrize('runs_px', [(0.0, 0.0, 0.0), (3.0, -8.0, 0.0), (-2.0, 7.0, 2.0)],
                          ids=['as told', 'runs ahead', 'falls back, wrong range too'])
-def test_corners_carry_back_a_region_that_runs_away(runs_px):
+def test_diverging_region_does_not_carry_corners_along(runs_px):
     """A given region that leaves the board by most of its size moves no corner."""
     follower, first = CornerFollower(SecondConfig()), None
     for k in range(9):
@@ -86,7 +86,7 @@ def test_corners_carry_back_a_region_that_runs_away(runs_px):
     assert np.all((on_board > -4) & (on_board < [84, 64]))
 
 
-def test_what_stands_still_behind_carries_no_region_away():
+def test_stationary_background_does_not_hold_a_region_back():
     """A third of the region shows a static wall; the moving board has more corners."""
     follower, rng = CornerFollower(SecondConfig()), np.random.default_rng(8)
     wall = np.repeat(np.repeat(rng.integers(60, 190, (60, 80)), 4, axis=0), 4, axis=1)

@@ -20,7 +20,7 @@ CONFIG = SecondConfig(match_floor_px=0.0)
 
 
 def rig() -> StereoRig:
-    """Return cameras that converge a little."""
+    """Return cameras that converge slightly."""
     cameras = [Camera(name, 1024, 768, K, np.zeros(5), 'plumb_bob') for name in ('left', 'right')]
     turn = of_camera((np.radians(-0.5), 0.0, 0.0))
     return StereoRig(*cameras, turn, turn @ np.array([-0.5, 0.0, 0.0]))
@@ -35,9 +35,9 @@ BEND = SplinePath(np.stack([-35 + 40 * np.cos(ANGLES), 0 * ANGLES + 3.0,
 def sightings(path, rng, *, speed=20.0, count=9, lag_s=0.0, strangers=0, sliding=0,
               slide_px=0.3):
     """
-    Return rays of 25 corners and of some that stand still beside the road, and true places.
+    Return rays of 25 corners and of some stationary ones beside the road, and the true places.
 
-    :param sliding: so many of the corners walk over the body, the same in both views.
+    :param sliding: number of corners that move over the body, equally in both views.
     :param slide_px: 1-sigma of a step of theirs.
     """
     own, body = rig(), rng.uniform(-1, 1, (25, 3)) * [0.3, 0.8, 0.3]
@@ -91,7 +91,7 @@ def drawn_speeds(**how):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('sliding', [8, 25], ids=['some', 'all'])
-def test_corners_that_slide_leave_an_honest_speed(sliding):
+def test_sliding_corners_do_not_make_the_sigma_too_small(sliding):
     """Their errors are correlated between pairs; treated as independent they would average out."""
     errors, stds = drawn_speeds(sliding=sliding)
     # 24 times the mean of 24 squares of normal numbers: one in 20000 is below 6
@@ -99,7 +99,7 @@ def test_corners_that_slide_leave_an_honest_speed(sliding):
 
 
 @pytest.mark.slow
-def test_corners_that_slide_cost_certainty():
+def test_sliding_corners_reduce_the_certainty():
     """Fixed corners have more information; all sliding has less than some sliding."""
     none, some, most = (float(np.mean(drawn_speeds(sliding=n)[1])) for n in (0, 8, 25))
     assert none < some < most
@@ -107,7 +107,7 @@ def test_corners_that_slide_cost_certainty():
 
 @pytest.fixture
 def weighed(monkeypatch):
-    """Return a list that gets the noise, the residuals and the new weights of every round."""
+    """Return a list that collects the noise, residuals and new weights of every round."""
     rounds, real = [], rigid._weights
 
     def spy(corners, noise, residual, dof):
@@ -117,7 +117,7 @@ def weighed(monkeypatch):
     return rounds
 
 
-def test_a_single_sighting_far_off_gets_the_weight_of_the_textbook(weighed):
+def test_single_outlier_gets_the_textbook_weight(weighed):
     """By hand: one that is off by r of the scale counts (dof + 4) / (dof + r^2)."""
     seen, _ = sightings(STRAIGHT, np.random.default_rng(1))
     off = 30 * NOISE_PX / F_PX
@@ -132,8 +132,8 @@ def test_a_single_sighting_far_off_gets_the_weight_of_the_textbook(weighed):
     assert weight[~one].min() > 10 * weight[one]
 
 
-def test_weights_expect_what_is_off_beside_the_slide(weighed):
-    """As by the normal law of the noise, given its sum with a walk."""
+def test_weights_use_the_expected_noise_apart_from_the_slide(weighed):
+    """By the normal distribution of the noise, given its sum with a random walk."""
     seen, _ = sightings(STRAIGHT, np.random.default_rng(2), sliding=25, slide_px=0.5)
     places_of(seen, STRAIGHT, CONFIG)
     corners, noise, residual, weight = weighed[-1]
@@ -151,8 +151,8 @@ def test_weights_expect_what_is_off_beside_the_slide(weighed):
         (CONFIG.tail_dof + 4) / (CONFIG.tail_dof + squares / noise.variance + 2 * spread))
 
 
-def test_corners_come_in_groups_that_fit_into_memory(monkeypatch):
-    """Of 120 pairs with 25 corners the slopes of all by all places alone would be 35 MB."""
+def test_corners_are_grouped_to_fit_into_memory(monkeypatch):
+    """With 120 pairs of 25 corners the full matrix of slopes would take 35 MB."""
     seen, _ = sightings(STRAIGHT, np.random.default_rng(0), count=120, speed=2.0)
     tracemalloc.start()
     try:
@@ -166,7 +166,7 @@ def test_corners_come_in_groups_that_fit_into_memory(monkeypatch):
     np.testing.assert_allclose(one_by_one.covariance, at_once.covariance, atol=1e-8)
 
 
-def test_corners_that_are_seen_less_often_count_as_alone():
+def test_grouping_of_rare_corners_does_not_change_the_result():
     """In groups with others, or each by itself, the result is the same."""
     seen, _ = sightings(STRAIGHT, np.random.default_rng(3), sliding=5)
     rng = np.random.default_rng(4)
@@ -179,8 +179,8 @@ def test_corners_that_are_seen_less_often_count_as_alone():
     np.testing.assert_allclose(together.covariance, alone.covariance, atol=1e-8)
 
 
-def test_a_move_as_by_hand():
-    """Without noise a move is exact, but for what is known of any front beforehand: its depth."""
+def test_move_by_hand():
+    """Without noise a move is exact, except for the prior of the depth of a front."""
     seen, s_m = sightings(STRAIGHT, np.random.default_rng(0), count=4)
     exact = list(seen)
     body = np.random.default_rng(0).uniform(-1, 1, (25, 3)) * [0.3, 0.8, 0.3]
@@ -195,7 +195,7 @@ def test_a_move_as_by_hand():
 
 
 def test_shared_error_of_a_pair_is_that_of_its_disparity():
-    """By hand: a disparity off by e px moves what is at Z by Z^2 e / (f b)."""
+    """By hand: a disparity error of e px moves a point at Z by Z^2 e / (f b)."""
     seen, _ = sightings(STRAIGHT, np.random.default_rng(0), count=4)
     one, floor = (places_of(seen, STRAIGHT, SecondConfig(match_floor_px=px)).covariance[0, 0, 0, 0]
                   for px in (0.0, 0.05))

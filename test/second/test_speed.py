@@ -8,7 +8,7 @@ import pytest
 from stereo_speed.second.speed import RATES, speeds_at
 
 
-def test_a_line_is_that_of_least_squares(monkeypatch):
+def test_line_equals_least_squares(monkeypatch):
     """Without acceleration the process is a weighted straight line."""
     monkeypatch.setattr('stereo_speed.second.speed.RATES', (1e-6,))
     t = np.array([0.0, 0.2, 0.5, 0.6, 1.1])
@@ -20,7 +20,7 @@ def test_a_line_is_that_of_least_squares(monkeypatch):
     assert covariance[0, 0] == pytest.approx(line[0, 0], rel=1e-4)
 
 
-def test_the_mean_of_a_braking_vehicle_is_followed():
+def test_mean_speed_of_a_braking_vehicle_is_measured():
     t = np.linspace(0.0, 3.0, 31)
     speed = 20 - 3 * np.maximum(t - 0.8, 0.0)
     places = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
@@ -32,7 +32,7 @@ def test_the_mean_of_a_braking_vehicle_is_followed():
 
 
 @pytest.mark.parametrize('rate', RATES[1:4])
-def test_sigmas_fit_errors_of_drives_of_the_process(rate):
+def test_sigmas_fit_the_errors_of_random_drives(rate):
     rng, t = np.random.default_rng(2), np.linspace(0.0, 2.0, 11)
     ratios = []
     for _ in range(150):

@@ -28,12 +28,12 @@ def test_ages(day, expired, said):
     assert said in found.text and bool(said) == bool(found.text)
 
 
-def test_without_a_day_nothing_is_said():
+def test_site_without_a_calibration_date_has_no_warning():
     assert calibration_age(None, stamp_ns(2030, 1, 1), 12.0).text == ''
 
 
 @pytest.mark.parametrize('text', ['2026-01-31', "'2026-01-31'"])
-def test_the_day_in_a_site_file(sample, tmp_path, text):
+def test_calibration_date_in_a_site_file(sample, tmp_path, text):
     path = tmp_path / 'site.yaml'
     path.write_text((sample / 'site.yaml').read_text() + f'\ncalibrated: {text}\n')
     site = load_site(path)
@@ -43,7 +43,7 @@ def test_the_day_in_a_site_file(sample, tmp_path, text):
 
 
 @pytest.mark.parametrize('text', ['soon', '2026', "'2026-13-01'", '2026-01-31 10:00:00'])
-def test_another_day_is_refused_in_one_line(sample, tmp_path, text):
+def test_invalid_date_is_refused_in_one_line(sample, tmp_path, text):
     path = tmp_path / 'site.yaml'
     path.write_text((sample / 'site.yaml').read_text() + f'\ncalibrated: {text}\n')
     with pytest.raises(SiteError, match='calibrated: found .*, wanted a day such as'):

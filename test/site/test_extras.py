@@ -37,7 +37,7 @@ def load(folder, data):
     return load_site(path)
 
 
-def test_there_and_back(tmp_path):
+def test_refined_site_round_trips(tmp_path):
     first = load(tmp_path, SITE)
     assert first.lines['a'].left_std_px.tolist() == [0.02, 0.03, 1.0]
     assert first.lines['b'].left_std_px is None

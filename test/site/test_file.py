@@ -88,7 +88,7 @@ def test_site_faults(write, place, value, match, put):
     assert '\n' not in str(info.value) and 'wanted' in str(info.value)
 
 
-def test_lines_that_were_found_in_the_images_may_cross_between_their_points(write, put):
+def test_lines_found_in_images_may_cross_between_their_points(write, put):
     """In a bend, if one has few points; for clicked lines that would be a mistake."""
     crossing = put(SITE, ['lines', 'b', 'left_image'], [[180, 300], [150, 420], [130, 500]])
     for view in ('left', 'right'):
@@ -117,7 +117,7 @@ def test_missing_and_binary_files(tmp_path):
         load_site(tmp_path / 'x.yaml')
 
 
-def test_tolerances_of_the_rig_come_with_the_site(tmp_path):
+def test_tolerances_of_the_rig_are_read_with_the_site(tmp_path):
     path = tmp_path / 'site.yaml'
     text = Path(SAMPLE_SITE).read_text()
     path.write_text(text + 'tolerances: {focal_std: 0.001, stamp_std_s: 0.0005}\n')

@@ -11,7 +11,7 @@ from stereo_speed.site.lane_paths import in_one_direction, lane_paths
 
 
 def site_of(lines, *lanes):
-    """Make a site of picked (left, right) or surveyed (points) lines."""
+    """Return a site of picked (left, right) or surveyed (points) lines."""
     made = {name: PickedLine(name, *value) if isinstance(value, tuple) else
             SurveyedLine(name, value) for name, value in lines.items()}
     lanes = lanes or (('edge_right', 'line_0', None), ('line_0', 'edge_left', None))
@@ -21,7 +21,7 @@ def site_of(lines, *lanes):
 
 @pytest.fixture(scope='module')
 def scene(make_scene):
-    """Give a straight road."""
+    """Return a straight road."""
     return make_scene(seed=1)
 
 
@@ -37,7 +37,7 @@ def test_lanes_of_a_picked_site(scene):
     assert np.linalg.norm(first - scene.lines['edge_right'][0][0]) < 60
 
 
-def test_path_line_and_surveyed_and_mixed(scene):
+def test_path_line_surveyed_and_mixed(scene):
     """The same lane from its picked middle, from points and from one line of each kind."""
     wanted = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
     right_m = np.stack([wanted.position(s) - 1.75 * wanted.frame(s)[:, 1]
@@ -101,7 +101,7 @@ def bend_in_view(rig, radius_m):
 
 
 @pytest.mark.parametrize('clicked', [False, True])
-def test_lines_round_a_bend_run_the_same_way_unless_clicked_the_other(scene, clicked):
+def test_lines_round_a_bend_have_one_direction_unless_clicked_oppositely(scene, clicked):
     """Such lines fold in the image, so that epipolar lines cross them twice."""
     lines = {'edge_right': bend_in_view(scene.rig, 15.0), 'line_0': bend_in_view(scene.rig, 11.5)}
     if clicked:

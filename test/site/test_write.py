@@ -14,15 +14,15 @@ import yaml
 
 
 @pytest.mark.parametrize('text', ['55 mph', '80 km/h', '22.2 m/s', '31.5 mph'])
-def test_speeds_come_back_in_their_unit(text):
+def test_speeds_are_written_in_their_unit(text):
     assert speed_text(parse_speed(text)) == text
 
 
-def test_speeds_of_no_unit_keep_every_digit():
+def test_speeds_that_are_round_in_no_unit_keep_every_digit():
     assert parse_speed(speed_text(23.456789012345)) == 23.456789012345
 
 
-def test_limits_of_classes_come_back(tmp_path):
+def test_limits_of_classes_round_trip(tmp_path):
     limits = {VehicleClass.HEAVY_VEHICLE: 80 / 3.6, VehicleClass.VAN: 100 / 3.6}
     points = np.array([[0, 2, 50], [0, 2, 10.0]])
     site = Site('s', 'here', {'p': SurveyedLine('p', points)},
@@ -31,7 +31,7 @@ def test_limits_of_classes_come_back(tmp_path):
     assert load_site(tmp_path / 'site.yaml').lanes[0] == site.lanes[0]
 
 
-def test_numbers_are_rounded_to_what_they_are_worth(tmp_path):
+def test_numbers_are_rounded_to_their_precision(tmp_path):
     """Pixels to 1e-4, metres to 1e-6, degrees to 1e-6, covariances to four digits."""
     uv = np.array([[100.123456, 300.0], [150.0, 400.0], [200.0, 500.0]])
     site = Site('s', 'here', {

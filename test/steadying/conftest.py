@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A textured world infinitely far away, seen by cameras that rotate."""
+"""An infinitely distant textured world, seen by cameras that rotate."""
 from __future__ import annotations
 
 from functools import lru_cache
@@ -18,7 +18,7 @@ NOISE_GREY = 2.0
 
 
 def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the grey values of directions (..., 3): waves of many lengths, of some pixels."""
+    """Return the grey values of directions (..., 3): waves of many lengths of some pixels."""
     rng = np.random.default_rng(5)
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
     out = np.full(x.shape, 125.0)

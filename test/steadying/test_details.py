@@ -19,7 +19,7 @@ def blob(contrast):
 
 @pytest.mark.parametrize('contrast', [200, 20, 5], ids=['by day', 'dusk', 'by night'])
 @pytest.mark.parametrize('off_px', [[0.0, 0.0], [0.125, 0.0], [0.0, -0.125], [0.05, 0.08]])
-def test_an_offset_is_found_whatever_the_contrast(contrast, off_px):
+def test_offset_is_found_at_any_contrast(contrast, off_px):
     image = blob(contrast)
     details = Details.at(image, CENTRE_PX)
     found = details.find(image, CENTRE_PX + off_px)

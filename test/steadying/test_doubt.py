@@ -59,12 +59,12 @@ def steadier(*, turned=False, too_far=False, lost=False, std_deg=0.0005):
     return SimpleNamespace(drift=drift, lost=lost)
 
 
-def test_a_rig_that_stands_still_changes_nothing(doubt):
+def test_fixed_rig_changes_nothing(doubt):
     assert doubt.update(UPDATE, steadier()) is UPDATE
     assert doubt.result(RESULT, doubt.share('a', steadier())) is RESULT
 
 
-def test_the_uncertain_angle_of_a_turned_camera_is_in_every_sigma(doubt):
+def test_uncertain_angle_of_a_rotated_camera_is_in_every_sigma(doubt):
     watch = steadier(turned=True)
     share = doubt.share('a', watch)
     # A pan of one rad changes lengths at range Z by 2 Z / b; near observations weigh most.
@@ -112,7 +112,7 @@ def test_a_lane_that_no_camera_sees_is_uncertain_without_limit(rig):
 @pytest.mark.parametrize('watch', [steadier(turned=True, too_far=True),
                                    steadier(turned=True, std_deg=0.005)],
                          ids=['too far', 'too uncertain'])
-def test_what_cannot_be_corrected_is_withheld(watch, doubt):
+def test_uncorrectable_rotation_withholds_readings(watch, doubt):
     assert doubt.update(UPDATE, watch).state is TrackState.TENTATIVE
     result = doubt.result(RESULT, doubt.share('a', watch))
     assert result.verdict is Verdict.REJECTED and result.reason == Reason.RIG_UNCERTAIN
@@ -121,7 +121,7 @@ def test_what_cannot_be_corrected_is_withheld(watch, doubt):
 
 @pytest.mark.parametrize('watch', [steadier(turned=True), steadier()],
                          ids=['found', 'taken back'])
-def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, doubt):
+def test_vehicle_seen_before_and_after_a_rotation_was_found_is_withheld(watch, doubt):
     """Its pairs may be on either side of the turn, whatever correction they got."""
     assert doubt.update(UPDATE, watch, TURN_RAD).state is TrackState.TENTATIVE
     assert doubt.share('a', watch, TURN_RAD) > 2 * 20 / 0.5 * TURN_RAD[0]
@@ -129,7 +129,7 @@ def test_a_vehicle_seen_before_and_after_a_turn_was_found_is_withheld(watch, dou
     assert result.reason == Reason.RIG_UNCERTAIN
 
 
-def test_readings_wait_while_nothing_shows_how_a_swaying_rig_stands(doubt):
+def test_readings_wait_while_the_state_of_a_swaying_rig_is_unknown(doubt):
     assert doubt.update(UPDATE, steadier(lost=True)).state is TrackState.TENTATIVE
     coasting = replace(UPDATE, state=TrackState.COASTING)
     assert doubt.update(coasting, steadier(lost=True)) is coasting

@@ -20,14 +20,14 @@ def fed(turn_deg, pairs=60, config=SteadyingConfig(), seed=0):
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_a_camera_that_stands_is_left_alone(seed):
+def test_fixed_camera_is_unchanged(seed):
     drift = fed([0.0, 0.0, 0.0], 500, seed=seed)
     assert not drift.turned and drift.turns == 0
     assert not drift.corrected_rad.any()
 
 
 @pytest.mark.parametrize('turn_deg', [[0.02, 0, 0], [-0.005, 0, 0], [0, 0.02, -0.03]])
-def test_a_turn_is_noticed_at_once_and_known_better_soon(turn_deg):
+def test_rotation_is_noticed_at_once_and_soon_known_better(turn_deg):
     first, later = fed(turn_deg, 1), fed(turn_deg, 60)
     for drift in (first, later):
         assert drift.turned and drift.turns == 1 and not drift.too_far
@@ -36,12 +36,12 @@ def test_a_turn_is_noticed_at_once_and_known_better_soon(turn_deg):
     assert np.trace(later.covariance_rad2) < 0.6 * np.trace(first.covariance_rad2)
 
 
-def test_it_is_never_surer_than_its_systematic_errors():
+def test_uncertainty_includes_systematic_errors():
     std = np.sqrt(np.diag(fed([0.02, 0, 0], 1000).covariance_rad2))
     assert np.all(np.degrees(std) >= SteadyingConfig().drift_floor_deg)
 
 
-def test_a_camera_that_creeps_is_followed():
+def test_creeping_camera_is_followed():
     config = SteadyingConfig(drift_rate_deg=1e-4)
     rng, drift = np.random.default_rng(0), DriftFilter(config)
     for pan in np.linspace(0.0, 0.01, 1000):
@@ -50,11 +50,11 @@ def test_a_camera_that_creeps_is_followed():
     assert np.degrees(drift.corrected_rad[0]) == pytest.approx(0.01, abs=5e-4)
 
 
-def test_more_than_a_little_is_not_corrected():
+def test_rotation_beyond_the_limit_is_not_corrected():
     assert fed([0.5, 0, 0], 5).too_far
 
 
-def test_pairs_that_were_not_looked_at_count():
+def test_pairs_without_a_look_count():
     rate = np.radians(SteadyingConfig().drift_rate_deg)
     one, many = (DriftFilter(SteadyingConfig(drift_probability=0.0)) for _ in range(2))
     one.update(np.zeros(3), 1e-8 * np.eye(3))
@@ -65,7 +65,7 @@ def test_pairs_that_were_not_looked_at_count():
         assert np.allclose(drift.covariance_rad2, wanted * np.eye(3))
 
 
-def test_the_noise_of_the_reference_is_no_turn_in_however_many_pairs():
+def test_noise_of_the_reference_is_no_rotation():
     std = np.radians(0.01)  # of one pair by night; the reference is as noisy
     shares = []
     for seed in range(40):
@@ -78,7 +78,7 @@ def test_the_noise_of_the_reference_is_no_turn_in_however_many_pairs():
     assert np.mean(shares) < 1.5  # of 120 squared unit normals: 1 +- 0.13
 
 
-def test_a_turn_is_told_from_the_noise_of_the_reference_and_kept_with_the_next_one():
+def test_rotation_is_separated_from_reference_noise_and_survives_renewal():
     std, turn = np.radians(0.002), np.radians([0.02, 0.0, -0.01])
     shares = []
     for seed in range(20):

@@ -33,7 +33,7 @@ def swaying(seed, drift=(0.0, 0.0, 0.0)):
 
 
 @pytest.mark.slow
-def test_a_rig_that_stands_still_is_left_as_it_is(rig, take):
+def test_fixed_rig_is_unchanged(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(8):
         pair = take(k)
@@ -41,7 +41,7 @@ def test_a_rig_that_stands_still_is_left_as_it_is(rig, take):
     assert steadiness_lines(steadier.state()) == [] and warning(steadier) == ''
 
 
-def test_its_state_can_be_told_before_the_first_pair_and_after_a_jump_of_time(rig, take):
+def test_state_is_available_before_the_first_pair_and_after_a_time_jump(rig, take):
     steadier = Steadier(rig, CONFIG)
     assert steadier.state().pairs == 0 and not any(steadier.state().rest_deg)
     steadier.steady(take(0))
@@ -50,7 +50,7 @@ def test_its_state_can_be_told_before_the_first_pair_and_after_a_jump_of_time(ri
 
 
 @pytest.mark.slow
-def test_sway_is_found_in_each_pair_and_told(rig, take):
+def test_sway_is_found_in_each_pair_and_reported(rig, take):
     steadier = Steadier(rig, CONFIG)
     steadier.steady(take(0))
     for k in range(1, 8):
@@ -62,7 +62,7 @@ def test_sway_is_found_in_each_pair_and_told(rig, take):
 
 
 @pytest.mark.slow
-def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
+def test_rotation_of_the_right_camera_is_no_sway(rig, take):
     steadier = Steadier(rig, CONFIG)
     steadier.steady(take(0))
     for k in range(1, 6):
@@ -73,7 +73,7 @@ def test_a_turn_of_the_right_camera_is_no_sway(rig, take):
     assert steadier.state().turns == 1
 
 
-def test_a_turn_of_the_left_camera_is_one_of_the_rig_and_back_of_the_right(rig, take):
+def test_rotation_of_the_left_camera_is_sway_with_opposite_right_drift(rig, take):
     # The right camera is fixed in the world: its drift cancels the sway.
     pan = float(np.radians(0.03))
     back = rig.R[np.ix_([1, 0, 2], [1, 0, 2])] @ np.array([-pan, 0.0, 0.0])
@@ -93,7 +93,7 @@ def test_one_view_alone_shows_the_sway(rig, take):
 
 
 @pytest.mark.slow
-def test_cameras_at_rest_are_looked_at_now_and_then(rig, take):
+def test_cameras_at_rest_are_checked_from_time_to_time(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(12):  # at 10 a second: the first five, and one half a second later
         pair = take(k)
@@ -102,7 +102,7 @@ def test_cameras_at_rest_are_looked_at_now_and_then(rig, take):
 
 
 @pytest.mark.slow
-def test_a_rig_that_begins_to_sway_is_seen_within_the_interval_and_followed(rig, take):
+def test_onset_of_sway_is_noticed_within_the_interval_and_followed(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(6):
         steadier.steady(take(k))
@@ -114,7 +114,7 @@ def test_a_rig_that_begins_to_sway_is_seen_within_the_interval_and_followed(rig,
 
 
 @pytest.mark.slow
-def test_a_camera_turned_between_looks_is_found_by_the_next(rig, take):
+def test_camera_rotated_between_looks_is_found_by_the_next_look(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(6):
         steadier.steady(take(k))
@@ -124,7 +124,7 @@ def test_a_camera_turned_between_looks_is_found_by_the_next(rig, take):
     assert off_px(pair.motion, still).max() < 0.05 and steadier.state().turns == 1
 
 
-def test_a_rig_that_drives_is_none_that_sways(rig, take):
+def test_driving_rig_is_not_taken_for_swaying(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(6):
         nearer = np.array([[1 + 0.02 * k, 0.0, -5.0 * k], [0.0, 1 + 0.02 * k, -4.0 * k]])
@@ -135,7 +135,7 @@ def test_a_rig_that_drives_is_none_that_sways(rig, take):
     assert steadier.state().unknown == steadier.state().looks - 1 >= 4
 
 
-def test_a_pair_that_shows_nothing_is_unknown_and_the_next_is_found(rig, take):
+def test_blank_pair_is_unknown_and_the_next_is_found(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(3):
         steadier.steady(take(k, swaying(k) if k else None))
@@ -146,7 +146,7 @@ def test_a_pair_that_shows_nothing_is_unknown_and_the_next_is_found(rig, take):
     assert not steadier.lost
 
 
-def test_a_place_that_is_gone_for_good_is_learnt_anew(rig, take):
+def test_changed_scene_is_learnt_anew(rig, take):
     steadier = Steadier(rig, replace(CONFIG, renew_pairs=2))
     steadier.steady(take(0))
     mirrored = [replace(pair, left=pair.left[:, ::-1].copy(), right=pair.right[:, ::-1].copy())
@@ -157,7 +157,7 @@ def test_a_place_that_is_gone_for_good_is_learnt_anew(rig, take):
 
 
 @pytest.mark.slow
-def test_a_turn_found_before_is_kept_where_the_place_is_learnt_anew(rig, take):
+def test_earlier_rotation_is_kept_when_the_scene_is_learnt_anew(rig, take):
     steadier = Steadier(rig, replace(CONFIG, renew_pairs=2))
     steadier.steady(take(0))
     for k in range(1, 4):
@@ -173,7 +173,7 @@ def test_a_turn_found_before_is_kept_where_the_place_is_learnt_anew(rig, take):
     assert steadier.state().turns == 1 and warning(steadier) != ''
 
 
-def test_drift_may_have_gone_on_in_all_pairs_since_it_was_seen_last(rig, take):
+def test_drift_uncertainty_grows_with_all_pairs_since_the_last_look(rig, take):
     def pairs_counted(unseen):
         steadier = Steadier(rig, replace(CONFIG, still_looks=10))
         black = np.zeros_like(take(0).right)
@@ -188,7 +188,7 @@ def test_drift_may_have_gone_on_in_all_pairs_since_it_was_seen_last(rig, take):
     assert pairs_counted(False) == [1] and pairs_counted(True) == [5]
 
 
-def test_a_reset_forgets_all_but_the_reference(rig, take):
+def test_reset_forgets_everything_but_the_reference(rig, take):
     steadier = Steadier(rig, CONFIG)
     for k in range(3):
         steadier.steady(take(k, swaying(k, TURN) if k else None))
@@ -197,7 +197,7 @@ def test_a_reset_forgets_all_but_the_reference(rig, take):
     assert steadier.steady(take(5, swaying(5))).motion is None  # the first is the reference again
 
 
-def test_the_rest_is_the_mean_of_the_sway(rig, take):
+def test_rest_is_the_mean_of_the_sway(rig, take):
     motions = [swaying(k) for k in range(6)]
     pairs = [take(k, motion) for k, motion in enumerate(motions)]
     reference = rest_of(Steadier(rig, CONFIG), pairs)

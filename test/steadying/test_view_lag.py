@@ -70,7 +70,7 @@ def drive(rig, texture, true_lag_s, gaps_s, seed=0):
 
 
 @pytest.mark.parametrize('true_ms, stamped_ms', [(0, 5), (0, 20), (0, -5), (12, 12), (8, 3)])
-def test_the_lag_of_a_driver_is_found_and_corrected(rig, texture, true_ms, stamped_ms):
+def test_lag_of_a_driver_is_found_and_corrected(rig, texture, true_ms, stamped_ms):
     watch, found = drive(rig, texture, true_ms * 1e-3, [stamped_ms * 1e-3] * 19)
     lag_s, state = found[-1]
     assert state.std_s < 8e-4
@@ -79,8 +79,8 @@ def test_the_lag_of_a_driver_is_found_and_corrected(rig, texture, true_ms, stamp
 
 
 @pytest.mark.parametrize('true_ms', [50, -50])
-def test_a_way_that_bends_and_a_front_that_grows_meanwhile_are_no_error(rig, texture, true_ms):
-    """In 50 ms what comes nearer grows by up to 5 %, and its way with it: 2 ms of the time."""
+def test_curved_motion_and_a_growing_front_do_not_bias_the_lag(rig, texture, true_ms):
+    """In 50 ms an approaching front and its motion grow by up to 5 %: 2 ms of the lag."""
     watch, found = drive(rig, texture, true_ms * 1e-3, [true_ms * 1e-3] * 19)
     times_s = np.array([one.across_px / (one.rate_px_s + one.bend_px_s2 * true_ms * 1e-3)
                         for one in watch._looks])
@@ -90,7 +90,7 @@ def test_a_way_that_bends_and_a_front_that_grows_meanwhile_are_no_error(rig, tex
     assert found[-1][0] == true_ms * 1e-3  # nothing to correct
 
 
-def test_what_one_vehicle_leaves_unknown_others_tell():
+def test_another_vehicle_improves_the_lag_more_than_further_looks():
     """Views of one front share errors: the thousandth adds little, another vehicle more."""
     def std_s(looks, tracks):
         rates_px_s = np.linspace(20.0, 300.0, looks)
@@ -101,8 +101,8 @@ def test_what_one_vehicle_leaves_unknown_others_tell():
     assert std_s(400, 9) == pytest.approx(std_s(400, 1) / 3, rel=0.2)
 
 
-def test_what_fits_worse_than_foreseen_is_known_less_well_however_few_looks_each_vehicle_has():
-    """A vehicle of few looks has its own errors fitted to them: they leave less of the misfit."""
+def test_larger_misfit_gives_a_larger_sigma_even_with_few_looks_per_vehicle():
+    """With few looks a vehicle's own errors are fitted to them and absorb part of the misfit."""
     def std_s(tracks, looks, noise):
         rng, out = np.random.default_rng(1), []
         for _ in range(40):
@@ -118,7 +118,7 @@ def test_what_fits_worse_than_foreseen_is_known_less_well_however_few_looks_each
     assert few == pytest.approx(many, rel=0.06)
 
 
-def test_before_anything_moves_nothing_is_known(rig):
+def test_lag_is_unknown_before_anything_moves(rig):
     watch = ViewLag(rig)
     image = np.zeros((768, 1024), np.uint8)
     pair = StereoPair(0, 0, 5_000_000, image, image)
@@ -128,7 +128,7 @@ def test_before_anything_moves_nothing_is_known(rig):
 
 
 @pytest.mark.slow
-def test_stamps_that_jitter_are_told_from_exposures_that_do(rig, texture):
+def test_stamp_jitter_is_separated_from_exposure_jitter(rig, texture):
     gaps_s = np.abs(np.random.default_rng(2).normal(0, 8e-3, 57)) + 1e-3
     by_arrival, found = drive(rig, texture, 0.0, gaps_s)
     assert by_arrival.state.constant and abs(found[-1][0]) < 1e-3
@@ -137,7 +137,7 @@ def test_stamps_that_jitter_are_told_from_exposures_that_do(rig, texture):
     assert found[-1][0] == pytest.approx(gaps_s[-1], abs=1e-3)
 
 
-def test_one_trigger_concerns_nobody(rig):
+def test_pairs_of_one_trigger_are_unchanged(rig):
     watch = ViewLag(rig)
     image = np.zeros((768, 1024), np.uint8)
     pair = StereoPair(0, 7, 7, image, image)

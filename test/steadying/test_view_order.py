@@ -23,18 +23,18 @@ def test_cameras_in_their_places(first):
     assert views_crossed(rig, pair) is False
 
 
-def test_cameras_in_each_others_place(first):
+def test_swapped_cameras(first):
     rig, pair = first
     assert views_crossed(rig, replace(pair, left=pair.right, right=pair.left)) is True
 
 
-def test_empty_images_do_not_tell(first):
+def test_empty_images_give_no_evidence(first):
     rig, pair = first
     empty = np.zeros_like(pair.left)
     assert views_crossed(rig, replace(pair, left=empty, right=empty)) is None
 
 
-def test_noise_does_not_tell(first):
+def test_noise_gives_no_evidence(first):
     rig, pair = first
     left, right = np.random.default_rng(0).integers(0, 255, (2, *pair.left.shape)).astype(np.uint8)
     assert views_crossed(rig, replace(pair, left=left, right=right)) is None

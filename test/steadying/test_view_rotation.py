@@ -22,7 +22,7 @@ def view(rig, take):
 
 
 @pytest.mark.parametrize('angles', ANGLES, ids=['sways', 'more', 'little', 'knock of 7 px'])
-def test_a_rotation_is_found_to_a_few_hundredths_of_a_pixel(angles, view, take):
+def test_rotation_is_found_to_a_few_hundredths_of_a_pixel(angles, view, take):
     found = view.measure(take(1, RigMotion(tuple(angles))).left, np.zeros(3))
     off_px = F_PX * (found.angles_rad - angles)
     assert np.abs(off_px[:2]).max() < 0.03
@@ -30,7 +30,7 @@ def test_a_rotation_is_found_to_a_few_hundredths_of_a_pixel(angles, view, take):
 
 
 @pytest.mark.slow
-def test_its_covariance_is_that_of_its_errors(view, take):
+def test_covariance_is_that_of_the_errors(view, take):
     rng, shares = np.random.default_rng(3), []
     for number in range(10):
         angles = np.radians(0.05) * rng.standard_normal(3)
@@ -41,7 +41,7 @@ def test_its_covariance_is_that_of_its_errors(view, take):
     assert np.mean(shares) < 1.8
 
 
-def test_what_moves_by_itself_does_not_count(view, take):
+def test_moving_objects_do_not_count(view, take):
     angles = np.radians([0.05, 0.02, -0.03])
     image = take(1, RigMotion(tuple(angles))).left.copy()
     # A third of the view is a vehicle: the same texture, gone elsewhere.
@@ -51,7 +51,7 @@ def test_what_moves_by_itself_does_not_count(view, take):
     assert np.abs(F_PX * (found.angles_rad - angles))[:2].max() < 0.05
 
 
-def test_mirrored_lamps_that_slide_do_not_count(rig, take):
+def test_sliding_reflections_of_lamps_do_not_count(rig, take):
     def lit(image, down_px):
         """Return the image with lamps reflected by a wet road."""
         v, u = np.mgrid[:HEIGHT, :WIDTH]
@@ -66,7 +66,7 @@ def test_mirrored_lamps_that_slide_do_not_count(rig, take):
 
 
 @pytest.mark.slow
-def test_a_dark_view_is_as_uncertain_as_it_says(rig, take):
+def test_uncertainty_in_a_dark_view_is_that_of_the_errors(rig, take):
     shares = []
     for number in range(8):
         first, then = (take(100 + 2 * number + k, gain=0.12, noise=1.0).left for k in (0, 1))
@@ -77,7 +77,7 @@ def test_a_dark_view_is_as_uncertain_as_it_says(rig, take):
     assert np.mean(shares) < 1.9
 
 
-def test_a_step_of_the_exposure_changes_nothing(view, take):
+def test_step_of_the_exposure_has_no_effect(view, take):
     angles = np.radians([0.05, 0.02, -0.03])
     one, other = (view.measure(take(1, RigMotion(tuple(angles)), gain=gain).left, np.zeros(3))
                   for gain in (1.0, 0.85))
@@ -88,16 +88,16 @@ def test_a_step_of_the_exposure_changes_nothing(view, take):
     np.full((HEIGHT, WIDTH), 7, np.uint8),
     np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH)).astype(np.uint8)],
     ids=['dark', 'another place'])
-def test_what_shows_nothing_of_the_place_gives_nothing(image, view):
+def test_image_without_the_scene_gives_no_rotation(image, view):
     assert view.measure(image, np.zeros(3)) is None
 
 
-def test_a_flat_first_image_gives_nothing(rig, take):
+def test_flat_first_image_gives_no_rotation(rig, take):
     blind = ViewRotation(rig.left, np.zeros((HEIGHT, WIDTH), np.uint8), CONFIG)
     assert blind.measure(take(0).left, np.zeros(3)) is None
 
 
-def test_images_of_16_bits_are_as_good(rig, take):
+def test_sixteen_bit_images_are_as_accurate(rig, take):
     def wide(pair):
         return pair.left.astype(np.uint16) * 16
     angles = np.radians([0.05, 0.02, -0.03])
@@ -106,7 +106,7 @@ def test_images_of_16_bits_are_as_good(rig, take):
     assert np.abs(F_PX * (found.angles_rad - angles))[:2].max() < 0.02
 
 
-def test_slow_changes_of_what_it_sees_are_learnt(rig, take):
+def test_slow_changes_of_the_scene_are_learnt(rig, take):
     config = SteadyingConfig(renew_pairs=3)
     view, first = ViewRotation(rig.left, take(0).left, config), take(0).left
     # The view is occluded column by column, finally completely.

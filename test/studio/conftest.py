@@ -34,7 +34,7 @@ class Client:
 
     def ask(self, method: str, path: str, body: Optional[bytes] = None,
             **headers: str) -> tuple[int, dict[str, str], bytes]:
-        """Ask and return status, headers and body."""
+        """Send a request and return status, headers and body."""
         connection = http.client.HTTPConnection('127.0.0.1', self.guard.port, timeout=30)
         more = {name.replace('_', '-'): value for name, value in headers.items()}
         connection.putrequest(method, path, skip_host='Host' in more)

@@ -25,7 +25,7 @@ def drawn(*points):
 
 @pytest.mark.parametrize(('at', 'index'), [
     ((5.0, 1.0), 1), ((15.0, -1.0), 2), ((-5.0, 0.0), 0), ((26.0, 0.0), 3), ((20.0, 5.0), 3)])
-def test_a_new_point_goes_between_its_neighbours(at, index):
+def test_new_point_goes_between_its_neighbours(at, index):
     points = (Point(0.0, 0.0), Point(10.0, 0.0), Point(20.0, 0.0))
     if at == (20.0, 5.0):  # beside the last one: either side of it is right
         assert place_for(points, np.array(at)) in (2, 3)
@@ -42,7 +42,7 @@ def test_points_are_added_moved_and_deleted():
     assert draft.lines[0].right == ()
 
 
-def test_points_snap_only_when_asked_and_along_their_line():
+def test_points_snap_only_on_request_and_along_their_line():
     ways = []
 
     def snapper(view, at, way):
@@ -59,7 +59,7 @@ def test_points_snap_only_when_asked_and_along_their_line():
     assert draft.lines[0].right[-1] == Point(30.0, 7.0)
 
 
-def test_a_deleted_line_leaves_no_trace():
+def test_deleted_line_leaves_no_trace():
     draft = after(('add_line', {}), ('add_line', {}), ('add_lane', {'right': 1, 'left': 2}),
                   ('add_length', {'kind': 'between'}),
                   ('set_length', {'length': 4, 'lines': [1, 2], 'length_m': 3.5}),
@@ -70,7 +70,7 @@ def test_a_deleted_line_leaves_no_trace():
     assert after(('add_line', {}), draft=draft).lines[-1].number == 5  # numbers are not used again
 
 
-def test_a_lane_has_a_path_or_two_lines():
+def test_lane_has_a_path_or_two_lines():
     draft = after(('add_line', {}), ('add_line', {}), ('add_lane', {'right': 1, 'left': 2}),
                   ('set_lane', {'lane': 3, 'path': 1}))
     assert (draft.lanes[0].path, draft.lanes[0].right, draft.lanes[0].left) == (1, None, None)
@@ -79,7 +79,7 @@ def test_a_lane_has_a_path_or_two_lines():
     assert draft.lanes[0].speed_limit == '55 mph'
 
 
-def test_a_fifth_corner_moves_the_nearest():
+def test_fifth_corner_moves_the_nearest():
     corner = [('front_corner', {'front': 1, 'view': 'left', 'at': at})
               for at in ([0, 0], [10, 0], [10, 10], [0, 10], [11, 9])]
     front, = after(('add_front', {'frame': 3}), *corner).fronts
@@ -108,14 +108,14 @@ def test_a_fifth_corner_moves_the_nearest():
     ('add_front', {'frame': -1}, 'an integer from 0'),
     ('set_calibrated', {'day': '2026-02-30'}, 'a day such as 2026-05-31'),
 ])
-def test_a_step_that_cannot_be_taken_says_why(name, fields, told):
+def test_impossible_step_says_why(name, fields, told):
     draft = after(('add_line', {}), ('add_line', {'name': 'other'}), ('add_lane', {}),
                   ('add_length', {'kind': 'between'}))
     with pytest.raises(InputError, match=told):
         apply(draft, name, fields, no_snap)
 
 
-def test_the_other_steps():
+def test_other_steps():
     draft = drawn((0, 0), (10, 0))
     draft = after(('rename_site', {'name': ' north  gate '}), ('turn_line', {'line': 1}),
                   ('add_lane', {}), ('add_length', {'kind': 'points'}),

@@ -25,7 +25,7 @@ def record(evidence):
     return next(path for path in evidence.iterdir() if path.is_dir())
 
 
-def test_a_record_is_read(replayed, evidence, record):
+def test_record_is_read(replayed, evidence, record):
     folder, beside = open_runs([replayed])
     assert (folder.kind, beside.kind, beside.name) == ('folder', 'evidence', 'run/evidence')
     run, = open_runs([evidence])
@@ -50,7 +50,7 @@ def test_a_record_is_read(replayed, evidence, record):
     assert alone.rows()[0]['id'] == record.name and alone.file(0, 0) is not None
 
 
-def test_its_verification_is_told(evidence, record):
+def test_verification_is_reported(evidence, record):
     run = EvidenceRun(evidence, 'evidence')
     found = run.verified()
     assert (found['faults'], found['records'], found['of']) == ([], 1, {})
@@ -65,7 +65,7 @@ def test_its_verification_is_told(evidence, record):
     assert run.files(0) == [] and 'unreadable' in run.opened(0).more
 
 
-def test_nothing_outside_a_record_is_handed_out(evidence, record, tmp_path):
+def test_files_outside_a_record_are_not_served(evidence, record, tmp_path):
     """A record that lists foreign files, by name or through a link."""
     (tmp_path / 'secret.txt').write_text('secret')
     said = json.loads((record / 'record.json').read_text())
@@ -83,7 +83,7 @@ def test_nothing_outside_a_record_is_handed_out(evidence, record, tmp_path):
     assert [row['id'] for row in run.rows()] == [record.name]
 
 
-def test_records_are_told(serving, evidence, record):
+def test_records_are_listed(serving, evidence, record):
     with serving(runs=open_runs([evidence])) as client:
         run = client.get('/api/runs/0')
         assert run['kind'] == 'evidence' and run['rows'][0]['id'] == record.name

@@ -15,7 +15,7 @@ from stereo_speed.studio.server import page_files, Studio, WEB
 @pytest.mark.parametrize('path', ['/', '/web/app.js', '/api/state', '/api/background/left',
                                   '/api/frame/0/left', '/api/socket', '/?token=wrong',
                                   '/api/state?token=SECRET', '/nothing'])
-def test_without_the_secret_word_nothing_is_told(client, path):
+def test_nothing_is_served_without_the_secret(client, path):
     client.headers = {}
     path = path.replace('SECRET', client.guard.secret)
     status, headers, body = client.ask('GET', path)
@@ -24,7 +24,7 @@ def test_without_the_secret_word_nothing_is_told(client, path):
     assert client.guard.secret.encode() not in body
 
 
-def test_the_secret_word_becomes_a_cookie_that_no_script_and_no_other_site_has(client):
+def test_secret_becomes_a_cookie_hidden_from_scripts_and_other_sites(client):
     client.headers = {}
     status, headers, body = client.ask('GET', f'/?token={client.guard.secret}')
     assert (status, headers['Location'], body) == (303, '/', b'')
@@ -34,7 +34,7 @@ def test_the_secret_word_becomes_a_cookie_that_no_script_and_no_other_site_has(c
     assert client.ask('GET', '/')[0] == 200
 
 
-def test_secret_words_differ_and_are_long():
+def test_secrets_are_unique_and_long():
     words = {Guard().secret for _ in range(5)}
     assert len(words) == 5 and min(map(len, words)) >= 32
 
@@ -46,7 +46,7 @@ def test_secret_words_differ_and_are_long():
     ('Host', 'evil.example')])
 @pytest.mark.parametrize(('method', 'path'), [
     ('POST', '/api/step'), ('GET', '/api/state'), ('GET', '/api/socket')])
-def test_other_sites_and_other_names_are_refused(client, space, header, value, method, path):
+def test_other_sites_and_host_names_are_refused(client, space, header, value, method, path):
     """The cookie is not sufficient: the origin must be this page, at this address."""
     value = value.replace('PORT', str(client.guard.port))
     body = b'{"id": "1", "name": "add_line", "fields": {}}'
@@ -56,13 +56,13 @@ def test_other_sites_and_other_names_are_refused(client, space, header, value, m
     assert not space.draft.lines
 
 
-def test_this_page_is_served(client):
+def test_own_page_is_served(client):
     origin = f'http://127.0.0.1:{client.guard.port}'
     assert client.ask('GET', '/api/state', Origin=origin, Sec_Fetch_Site='same-origin')[0] == 200
     assert client.ask('GET', '/', Host=f'localhost:{client.guard.port}')[0] == 200
 
 
-def test_every_address_asks_who_it_is_and_where_from(client):
+def test_every_address_checks_identity_and_origin(client):
     """Every route of the server, including new ones."""
     routes = {(route.method, re.sub(r'{\w+}', '0', route.resource.canonical))
               for route in Studio(client.guard).app().router.routes()}
@@ -75,7 +75,7 @@ def test_every_address_asks_who_it_is_and_where_from(client):
 
 
 @pytest.mark.parametrize('path', ['/', '/web/app.js', '/api/state', '/nothing', '/web/none.js'])
-def test_every_answer_has_the_policy(client, path):
+def test_every_response_has_the_policy(client, path):
     _, headers, _ = client.ask('GET', path)
     policy = dict(rule.split(' ', 1) for rule in headers['Content-Security-Policy'].split('; '))
     assert policy['default-src'] == "'none'"
@@ -98,7 +98,7 @@ def test_no_path_leads_outside(client, path):
     assert b'import' not in body and b'root:' not in body
 
 
-def test_pages_hold_no_script_and_no_foreign_address():
+def test_pages_contain_no_script_or_foreign_address():
     page = page_files()['index.html'].read_text()
     assert re.findall(r'<script(?![^>]*\bsrc=)', page) == []
     assert not re.search(r'\son\w+=|style=|<style|javascript:', page)
@@ -112,12 +112,12 @@ def test_pages_hold_no_script_and_no_foreign_address():
 
 
 @pytest.mark.parametrize('address', ['0.0.0.0', '::', 'localhost', 'evil', ''])
-def test_not_on_all_addresses(address):
+def test_server_does_not_listen_on_all_addresses(address):
     with pytest.raises(InputError, match='--address'):
         Guard(address)
 
 
-def test_a_port_that_is_taken_is_told():
+def test_port_in_use_is_reported():
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()

@@ -8,7 +8,7 @@ from stereo_speed.studio.live import LiveHealth, LiveReading, LiveState, STALE_S
 
 
 class Clock:
-    """A clock that is set."""
+    """A clock that a test sets."""
 
     now = 100.0
 
@@ -16,7 +16,7 @@ class Clock:
         return self.now
 
 
-def test_what_comes_in_is_told_and_grows_old():
+def test_received_data_is_reported_and_ages():
     clock = Clock()
     live = LiveState(clock)
     assert live.snapshot()['stale'] and live.snapshot()['age_s'] is None
@@ -43,7 +43,7 @@ def test_what_comes_in_is_told_and_grows_old():
     assert last['readings'][-1]['age_s'] == pytest.approx(STALE_S + 0.1)
 
 
-def test_a_node_speaks_for_itself_alone():
+def test_node_reports_only_its_own_state():
     live = LiveState(Clock())
     for level, name in ((0, 'a'), (1, 'b'), (2, 'a')):
         live.add_health(LiveHealth(name, level, 'm'))

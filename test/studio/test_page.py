@@ -1,10 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The page in a real browser: a site drawn from nothing, what survives, runs, keys, foreign text.
-
-Skipped where there is no headless Chromium (``make browser`` gets one).
-"""
+"""The page in a real browser: a site drawn from scratch, recovery, runs, keys, foreign text."""
 from __future__ import annotations
 
 import shutil
@@ -76,7 +72,7 @@ def measured_mph(scene, path):
     return result.speed_mps / MPH_MPS
 
 
-def test_a_site_drawn_from_nothing_measures_as_one_made_by_hand(
+def test_site_drawn_from_scratch_measures_like_a_handmade_one(
         visit, drawing, space, scene, sample):
     """Clicked on the image to half a screen pixel, at 1280x720, snapped to the markings."""
     hands = visit(drawing)
@@ -97,7 +93,7 @@ def test_a_site_drawn_from_nothing_measures_as_one_made_by_hand(
         measured_mph(scene, sample / 'site.yaml'), abs=0.1)
 
 
-def test_a_reload_a_second_tab_and_a_lost_connection_lose_nothing(visit, drawing, space):
+def test_reload_second_tab_and_lost_connection_lose_nothing(visit, drawing, space):
     hands = visit(drawing)
     page = hands.page
     page.click('#add-line')
@@ -127,7 +123,7 @@ def test_a_reload_a_second_tab_and_a_lost_connection_lose_nothing(visit, drawing
     other.wait_for_function(headless.DRAWN, arg=2)
 
 
-def test_a_line_is_drawn_by_keys_alone(visit, drawing, space):
+def test_line_can_be_drawn_by_keyboard_alone(visit, drawing, space):
     hands = visit(drawing)
     page = hands.page
     page.wait_for_selector('canvas[data-transform]')
@@ -182,7 +178,7 @@ def tab_to(page, name, most=80):
     raise AssertionError(f'{name} is not reached by Tab')
 
 
-def test_a_whole_site_by_keys_alone(visit, drawing, space, sample):
+def test_whole_site_can_be_drawn_by_keyboard_alone(visit, drawing, space, sample):
     """Lines, lanes, names, a limit, the date of calibration and a save, without a mouse."""
     hands = visit(drawing)
     page = hands.page
@@ -231,7 +227,7 @@ def wait_until(page, condition):
     raise AssertionError('the awaited event has not come')
 
 
-def test_passes_are_sorted_and_filtered_and_foreign_text_is_text(visit, tmp_path, make_run):
+def test_passes_are_sorted_and_filtered_and_foreign_text_is_escaped(visit, tmp_path, make_run):
     evil = '<img src=x onerror="document.title=1">,=1+1'
     folder = make_run(tmp_path / '<b>run', count=200, lane=evil)
     guard = Guard()
@@ -265,7 +261,7 @@ def test_passes_are_sorted_and_filtered_and_foreign_text_is_text(visit, tmp_path
         assert evil in page.inner_text('#passes tbody tr:first-child')
 
 
-def test_a_record_of_a_violation_shows_its_verification(visit, replayed, tmp_path):
+def test_record_of_a_violation_shows_its_verification(visit, replayed, tmp_path):
     guard, folder = Guard(), shutil.copytree(replayed, tmp_path / 'run')
     with guard.bind(0) as sock, served(Studio(guard, runs=open_runs([folder])), sock):
         page = visit(guard).page
@@ -291,7 +287,7 @@ def test_a_record_of_a_violation_shows_its_verification(visit, replayed, tmp_pat
         assert page.inner_text('#passes tbody tr td:last-child') == 'not sound'
 
 
-def test_what_is_live_is_seen_and_seen_to_grow_old(visit):
+def test_live_data_is_shown_with_its_growing_age(visit):
     live, guard = LiveState(), Guard()
     with guard.bind(0) as sock, served(Studio(guard, live=live), sock):
         page = visit(guard).page
@@ -336,7 +332,7 @@ def test_vehicles_are_marked_for_init_and_for_truth(visit, drawing, space, sampl
     np.testing.assert_allclose(front.left_px, first.left_px, atol=2.0)  # pixels of the screen
 
 
-def test_what_is_half_typed_stays_so_when_somebody_else_draws(visit, drawing, space):
+def test_unfinished_input_survives_a_change_by_another_page(visit, drawing, space):
     page = visit(drawing).page
     page.click('#add-lane')
     limit = '[aria-label="Limit of lane_0"]'
@@ -356,7 +352,7 @@ def test_what_is_half_typed_stays_so_when_somebody_else_draws(visit, drawing, sp
     wait_until(page, lambda: space.draft.lanes[0].speed_limit == '45 mph')
 
 
-def test_a_draft_outlives_its_pages(visit, drawing, space):
+def test_draft_survives_the_closing_of_its_pages(visit, drawing, space):
     """All pages are closed and opened again; the address works again."""
     hands = visit(drawing)
     hands.page.click('#add-line')

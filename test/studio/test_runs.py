@@ -19,7 +19,7 @@ from stereo_speed.studio.opening import open_runs
 from stereo_speed.studio.runs import RunFolder
 
 
-def test_a_run_is_read(tmp_path, make_run):
+def test_run_is_read(tmp_path, make_run):
     run, = open_runs([make_run(tmp_path / 'run')])
     assert run.overview() == {'name': 'run', 'kind': 'folder', 'passes': 3, 'measured': 3}
     assert run.passes[1]['speed_mps'] == pytest.approx(20.05)
@@ -41,7 +41,7 @@ def test_every_column_of_a_pass_is_read(tmp_path, make_run):
         key: kind_of(key) for key, value in row.items() if value is not None}
 
 
-def test_a_table_has_the_digits_of_the_folder_and_no_formula(tmp_path, make_run):
+def test_table_has_the_digits_of_the_folder_and_no_formulas(tmp_path, make_run):
     run, = open_runs([make_run(tmp_path / 'run', lane='=1+1')])
     head, *lines = (tmp_path / 'run' / 'passes.csv').read_text().splitlines()
     assert run.table([2, 0]).splitlines() == [
@@ -50,7 +50,7 @@ def test_a_table_has_the_digits_of_the_folder_and_no_formula(tmp_path, make_run)
         run.table([3])
 
 
-def test_a_folder_of_runs(tmp_path, make_run):
+def test_folder_of_runs(tmp_path, make_run):
     many = tmp_path / 'many'
     runs = {name: make_run(many / name) for name in ('b', 'a')}
     assert [run.name for run in open_runs([many])] == ['many/a', 'many/b']
@@ -64,7 +64,7 @@ def test_a_folder_of_runs(tmp_path, make_run):
 
 
 @pytest.mark.slow
-def test_a_database_says_what_the_folder_says(replayed):
+def test_database_agrees_with_the_folder(replayed):
     folder, _ = open_runs([replayed])
     log, = open_runs([replayed / 'run.sqlite'])
     assert log.overview() == {'name': 'run.sqlite', 'kind': 'log', 'passes': 1, 'measured': 1}
@@ -84,7 +84,7 @@ def test_a_database_says_what_the_folder_says(replayed):
     assert log.opened(99) is None
 
 
-def test_of_a_long_log_the_newest_passes_are_shown(tmp_path, monkeypatch):
+def test_newest_passes_of_a_long_log_are_shown(tmp_path, monkeypatch):
     monkeypatch.setattr(pass_logs, 'MOST_PASSES', 2)
     with PassLog(tmp_path / 'log.sqlite') as writer:
         for track in range(5):
@@ -95,7 +95,7 @@ def test_of_a_long_log_the_newest_passes_are_shown(tmp_path, monkeypatch):
     assert log.overview()['passes'] == 5
 
 
-def test_a_log_shows_what_is_written_meanwhile(tmp_path):
+def test_log_shows_passes_written_meanwhile(tmp_path):
     path = tmp_path / 'log.sqlite'
     result = PassResult(3, 'near', 10, 20, 5, 24.5, 0.1, Verdict.MEASURED, '', {}, {})
     with PassLog(path) as writer:
@@ -114,7 +114,7 @@ def test_a_log_shows_what_is_written_meanwhile(tmp_path):
     ('CREATE TABLE other (a)', 'wanted an SQLite file with a table passes'),
     ('CREATE TABLE passes (track)', 'columns: found no lane, first_ns'),
 ])
-def test_another_database_is_one_line(tmp_path, make, told):
+def test_other_database_is_one_line(tmp_path, make, told):
     with closing(sqlite3.connect(tmp_path / 'some.db')) as database:
         database.execute(make)
     with pytest.raises(InputError, match=told):
@@ -125,7 +125,7 @@ def test_another_database_is_one_line(tmp_path, make, told):
 
 
 @pytest.mark.slow
-def test_a_cell_of_another_type_is_one_line(replayed, tmp_path):
+def test_cell_of_another_type_is_one_line(replayed, tmp_path):
     path = tmp_path / 'log.sqlite'
     shutil.copy(replayed / 'run.sqlite', path)
     with closing(sqlite3.connect(path)) as database, database:
@@ -156,7 +156,7 @@ def test_only_plots_are_pictures_of_a_run(tmp_path, make_run):
      'line 5: found another number of cells'),
     (lambda f: (f / 'tracks.csv').write_bytes(b'\xff\xfe'), 'text in UTF-8'),
 ])
-def test_a_damaged_run_is_one_line(tmp_path, make_run, damage, told):
+def test_damaged_run_is_one_line(tmp_path, make_run, damage, told):
     folder = make_run(tmp_path / 'run')
     damage(folder)
     with pytest.raises(InputError, match=told):

@@ -28,7 +28,7 @@ def wait(condition, seconds=WAIT_S):
     assert condition()
 
 
-def test_a_step_changes_the_draft_and_is_judged(client, space):
+def test_step_changes_the_draft_and_is_checked(client, space):
     client.step('add_line')
     client.step('add_point', line=1, view='left', at=[400.0, 300.0])
     state = client.get('/api/state')
@@ -39,7 +39,7 @@ def test_a_step_changes_the_draft_and_is_judged(client, space):
                      client.get('/api/state')['figures']['notes']))
 
 
-def test_a_click_snaps_to_the_marking(client, sample):
+def test_click_snaps_to_the_marking(client, sample):
     """Some pixels beside the right edge line of the sample."""
     client.step('add_line')
     client.step('add_point', line=1, view='left', at=[441.26 + 4, 440.84 + 1], snap=True)
@@ -67,7 +67,7 @@ def test_bad_requests_are_one_line(client, space):
     assert space.version == 0
 
 
-def test_a_site_that_is_none_is_not_saved(client, space):
+def test_invalid_site_is_not_saved(client, space):
     client.step('add_line')
     error = client.post('/api/save', {'what': 'site'}, 400)['error']
     assert error == ('lines.line_0: found 0 left and 0 right points, '
@@ -75,7 +75,7 @@ def test_a_site_that_is_none_is_not_saved(client, space):
     assert not space.site_path.exists()
 
 
-def test_images_are_those_of_the_bag(client, scene):
+def test_images_equal_those_of_the_bag(client, scene):
     _, headers, data = client.ask('GET', '/api/frame/3/right')
     assert headers['Content-Type'] == 'image/png'
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -87,7 +87,7 @@ def test_images_are_those_of_the_bag(client, scene):
     assert len(answer['curve']) > 5 and answer['on_road'] is None
 
 
-def test_pages_are_told_what_others_draw(client):
+def test_pages_are_notified_of_changes_by_others(client):
     async def watch():
         headers = {**client.headers, 'Origin': f'http://127.0.0.1:{client.guard.port}'}
         address = f'http://127.0.0.1:{client.guard.port}/api/socket'
@@ -108,7 +108,7 @@ def test_pages_are_told_what_others_draw(client):
     asyncio.run(watch())
 
 
-def test_a_run_that_is_gone_takes_no_other_with_it(serving, tmp_path, make_run):
+def test_missing_run_does_not_affect_the_others(serving, tmp_path, make_run):
     with PassLog(tmp_path / 'log.sqlite'):
         pass
     runs = open_runs([tmp_path / 'log.sqlite', make_run(tmp_path / 'run')])
@@ -131,7 +131,7 @@ class Waiting(Run):
         return super().overview()
 
 
-def test_a_run_that_is_held_keeps_nobody_waiting(serving):
+def test_locked_run_blocks_nobody(serving):
     run, answers = Waiting(), []
     with serving(runs=[run]) as client:
         page = threading.Thread(target=lambda: answers.append(client.get('/api/state')))
@@ -143,7 +143,7 @@ def test_a_run_that_is_held_keeps_nobody_waiting(serving):
     assert answers[0]['runs'] == [{'number': 0, 'name': 'waiting', 'kind': 'log'}]
 
 
-def test_runs_are_told(serving, tmp_path, make_run):
+def test_runs_are_listed(serving, tmp_path, make_run):
     runs = open_runs([make_run(tmp_path / 'run', lane='<img src=x onerror=alert(1)>')])
     with serving(runs=runs) as client:
         run = client.get('/api/runs/0')
@@ -163,7 +163,7 @@ def test_runs_are_told(serving, tmp_path, make_run):
             'bag: found none, wanted a bag to draw on'
 
 
-def test_what_is_live_is_told(serving):
+def test_live_data_is_sent(serving):
     live = LiveState()
 
     async def watch(client):
@@ -185,7 +185,7 @@ def test_what_is_live_is_told(serving):
 
 
 @pytest.mark.parametrize('name', ['index.html', 'app.js', 'style.css', 'icon.svg'])
-def test_the_page_is_part_of_the_package(client, name):
+def test_page_is_part_of_the_package(client, name):
     status, headers, body = client.ask('GET', f'/web/{name}')
     assert status == 200 and body
     assert headers['Content-Type'].split(';')[0] in (

@@ -58,7 +58,7 @@ def judged(space):
 
 
 @pytest.mark.slow
-def test_a_site_is_drawn_saved_and_opened_again(space, drawing, sample, tmp_path, scene):
+def test_drawn_site_is_saved_and_opened_again(space, drawing, sample, tmp_path, scene):
     drawing.site(sample / 'site.yaml')
     drawing('lanes_between')
     data = judged(space)
@@ -78,7 +78,7 @@ def test_a_site_is_drawn_saved_and_opened_again(space, drawing, sample, tmp_path
 
 
 @pytest.mark.slow
-def test_lanes_against_the_clicks(space, drawing, sample):
+def test_lanes_run_against_the_order_of_clicks_if_requested(space, drawing, sample):
     """Lines clicked from near to far; the shared line is written once for each direction."""
     drawing.site(sample / 'site.yaml', backward=True)
     right, middle, left = (line.number for line in space.draft.lines)
@@ -121,7 +121,7 @@ def test_swapped_sides_point_at_their_lane(space, drawing, sample):
     assert note['lane'] == space.draft.lanes[0].number and "driver's right" in note['text']
 
 
-def test_undo_redo_and_steps_sent_twice(space, drawing):
+def test_undo_redo_and_duplicate_steps(space, drawing):
     drawing('add_line')
     drawing('rename_line', line=1, name='kerb')
     drawing('undo')
@@ -141,7 +141,7 @@ def test_undo_redo_and_steps_sent_twice(space, drawing):
     assert space.version == version
 
 
-def test_a_file_changed_by_others_is_not_overwritten(space, drawing, sample):
+def test_file_changed_by_others_is_not_overwritten(space, drawing, sample):
     drawing.site(sample / 'site.yaml')
     drawing('lanes_between')
     saved(space)
@@ -186,7 +186,7 @@ def site_parts(draw):
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(site_parts(), st.sampled_from([None, {}, {'std_m': 0.05}]),
        st.sampled_from(['55 mph', '80 km/h', '22.2 m/s', '37.777777 km/h']))
-def test_a_file_that_is_opened_and_saved_says_what_it_said(sample, tmp_path, parts, survey, limit):
+def test_opened_and_saved_file_keeps_its_content(sample, tmp_path, parts, survey, limit):
     more, stds = parts
     data = {**yaml.safe_load((sample / 'site.yaml').read_text()), **more}
     line = data['lines']['line_0']
@@ -210,7 +210,7 @@ def test_a_file_that_is_opened_and_saved_says_what_it_said(sample, tmp_path, par
     assert site_text(again) == site_text(was)
 
 
-def test_a_line_of_both_directions_survives(sample, edited, tmp_path):
+def test_line_of_both_directions_round_trips(sample, edited, tmp_path):
     """One painted line is in the file once for each direction of travel."""
     def more(data):
         middle, edge = data['lines']['line_0'], data['lines'].pop('edge_left')
@@ -243,7 +243,7 @@ def test_refining_is_one_step(space, drawing, sample):
         space.accept(before, refined)
 
 
-def test_marked_fronts_are_an_init_file(space, drawing, sample):
+def test_marked_fronts_make_an_init_file(space, drawing, sample):
     hand = load_init(sample / 'init.yaml')[0]
     drawing('add_front', frame=hand.frame)
     with pytest.raises(InputError, match='four corners'):
@@ -270,7 +270,7 @@ def mark(drawing, scene, number, front_m, of=None):
 
 
 @pytest.mark.parametrize(('frames', 'curved'), [((1, 5), False), ((1, 3, 4, 6, 9), True)])
-def test_marks_in_several_pairs_are_truth(space, drawing, scene, frames, curved):
+def test_marks_in_several_pairs_give_the_truth(space, drawing, scene, frames, curved):
     """On known paths: straight at constant speed, or accelerating."""
     stamps = [scene.stamp_of(frame) for frame in frames]
     seconds = np.array([(ns - stamps[0]) * 1e-9 for ns in stamps])
@@ -291,7 +291,7 @@ def test_marks_in_several_pairs_are_truth(space, drawing, scene, frames, curved)
 
 
 @pytest.mark.parametrize('distorted', [False, True])
-def test_a_point_lies_on_the_curve_of_its_partner(make_scene, distorted):
+def test_point_lies_on_the_epipolar_curve_of_its_partner(make_scene, distorted):
     rig = make_scene(distorted=distorted).rig
     point = np.array([2.0, 1.5, 30.0])
     left, right, _, _ = rig.project(point)
@@ -304,7 +304,7 @@ def test_a_point_lies_on_the_curve_of_its_partner(make_scene, distorted):
         assert gap.min() < 0.05, view
 
 
-def test_a_point_of_the_road_is_foretold_in_the_other_view(space, drawing, sample, scene):
+def test_point_of_the_road_is_predicted_in_the_other_view(space, drawing, sample, scene):
     drawing.site(sample / 'site.yaml')
     plane = space.judged(space.draft, None).plane
     line = load_site(sample / 'site.yaml').picked['line_0']

@@ -29,7 +29,7 @@ def measured(second, kmh, lane='near'):
                    reason='' if kmh is not None else 'uncertain')
 
 
-def test_matches_are_of_one_lane_near_in_time_and_one_to_one():
+def test_matches_are_one_to_one_in_a_lane_and_near_in_time():
     vehicles = [measured(10, 50), measured(12.5, 60), measured(10, 70, 'far'), measured(40, 80)]
     found = matched([reference(12.2, 60), reference(11, 50), reference(11, 50, 'other'),
                      reference(43.5, 80)], vehicles, 1.0)
@@ -53,20 +53,20 @@ def test_figures_by_hand():
     assert claims['approval'] == (500, 496) and claims['yearly'] == (30, 26)
 
 
-def test_a_reference_is_good_enough_below_a_third():
+def test_reference_must_be_better_than_a_third_of_the_limit():
     assert reference(0, 50, std_kmh=0.5).is_good_enough
     assert not reference(0, 50, std_kmh=0.51).is_good_enough
     assert reference(0, 200, std_kmh=1.0).is_good_enough
 
 
-def test_numbers_that_the_rules_name():
+def test_numbers_given_by_the_rules():
     assert passes_wanted(0) == 1497
     assert reliability_shown(500, 0) == pytest.approx(0.994, abs=5e-4)
     assert reliability_shown(1497, 0) >= 0.998 > reliability_shown(1496, 0)
 
 
 @pytest.mark.parametrize(('counted', 'failures'), [(100, 0), (2365, 1), (60, 7)])
-def test_reliability_is_that_of_clopper_and_pearson(counted, failures):
+def test_reliability_equals_clopper_and_pearson(counted, failures):
     exact = 1 - beta.ppf(0.95, failures + 1, counted - failures)
     assert reliability_shown(counted, failures) == pytest.approx(exact, abs=2e-6)
     wanted = passes_wanted(failures)
@@ -74,7 +74,7 @@ def test_reliability_is_that_of_clopper_and_pearson(counted, failures):
     assert reliability_shown(wanted - 1, failures) < 0.998
 
 
-def test_all_within_and_a_mean_that_is_not():
+def test_all_within_the_limit_but_the_mean_is_not():
     sound = [verification([reference(10 * k, 50) for k in range(9)],
                           [measured(10 * k, 50 + off) for k in range(9)], 1.0)
              for off in (0.5, 1.5)]
@@ -82,7 +82,7 @@ def test_all_within_and_a_mean_that_is_not():
     assert [v.is_within for v in sound] == [True, False]  # 1.5 km/h is more than a mean may be
 
 
-def test_every_vehicle_of_the_reference_is_counted_once():
+def test_every_reference_vehicle_is_counted_once():
     """By hand: inaccurate references for a missed, a rejected and a measured vehicle."""
     found = verification(
         [reference(1, 50), reference(11, 50, std_kmh=0.6), reference(21, 50, std_kmh=0.6),

@@ -32,7 +32,7 @@ def test_figures_by_hand():
     assert f.over_share == pytest.approx(2 / 5)
 
 
-def test_pace_holds_most_vehicles():
+def test_pace_contains_most_vehicles():
     rng = np.random.default_rng(0)
     speeds = np.sort(rng.normal(20, 4, 300))
     low, share = pace(speeds)

@@ -26,7 +26,7 @@ def speeds(doubt):
     return doubt[3::4, 3::4]
 
 
-def test_a_share_of_each_change_is_in_doubt():
+def test_blur_doubt_is_a_share_of_each_change():
     one, other = (posterior(PASS.first_ns, PASS.stamps_s, by_hand) for by_hand in (
         [20.5, 20.5, 19.5, 18.5], [20.0, 21.0, 19.0, 18.0]))
     found = speeds(doubt_of_blur(PASS, [one, other], 0.2, 10.0))
@@ -34,7 +34,7 @@ def test_a_share_of_each_change_is_in_doubt():
     assert not doubt_of_blur(PASS, [], 0.2, 10.0).any()
 
 
-def test_pairs_that_are_lacking_change_as_those_beside_them():
+def test_missing_pairs_change_like_their_neighbours():
     """A third of the way between 0.3 and 0.9 m/s, and at the end like the last one."""
     other = posterior(PASS.first_ns, [0.0, 0.2], [20.3, 19.9])
     change = np.array([0.3, 0.6, 0.9, 0.9])
@@ -43,5 +43,5 @@ def test_pairs_that_are_lacking_change_as_those_beside_them():
 
 
 @pytest.mark.parametrize('share', [0.1, 0.3])
-def test_what_cannot_be_solved_is_unknown_and_not_nothing(share):
+def test_unsolved_alternatives_give_the_maximum_doubt(share):
     np.testing.assert_allclose(speeds(doubt_of_blur(PASS, [None], share, 10.0)), 100.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The constrained tracker on a front of closed form, and on simulated passes with exact truth."""
+"""The constrained tracker on a closed-form front, and on simulated passes with exact truth."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ COASTING, CONFIRMED, TENTATIVE = TrackState.COASTING, TrackState.CONFIRMED, Trac
 
 
 def at_most(level, errors):
-    """Return the bound on the largest of so many normal errors, in sigmas, at a level."""
+    """Return the bound, in sigmas, on the largest of ``n`` normal errors at a level."""
     return stats.norm.isf(level / (2 * errors))
 
 
@@ -59,9 +59,9 @@ def blank(pair):
 
 def behind_a_post(pair, share=0.4, nearer_px=6):
     """
-    Return a pair with a striped post before a share of the front's image, from the left.
+    Return a pair in which a striped post hides a share of the front, from the left.
 
-    :param nearer_px: by which its disparity is greater than that of the front.
+    :param nearer_px: by which its disparity exceeds that of the front.
     """
     images = []
     for image, shift_px in ((pair.left, 0), (pair.right, nearer_px)):
@@ -74,7 +74,7 @@ def behind_a_post(pair, share=0.4, nearer_px=6):
     return replace(pair, left=images[0], right=images[1])
 
 
-def test_readings_are_within_their_sigma_and_the_pass_as_well(steady, textured_drive):
+def test_readings_and_pass_speed_are_within_their_sigma(steady, textured_drive):
     updates, tracker = steady
     poses = textured_drive[1]
     assert [u.state for u in updates] == [TENTATIVE] * 2 + [CONFIRMED] * 10
@@ -99,7 +99,7 @@ def test_quads_are_those_of_the_front(steady, textured, textured_drive):
         np.testing.assert_allclose(update.axes, textured.path.frame(np.array(pose[0])), atol=1e-3)
 
 
-def test_the_result_is_a_query(follow, textured_drive):
+def test_result_can_be_queried_without_side_effects(follow, textured_drive):
     pairs, poses = textured_drive
     updates, tracker = follow(pairs[:8], poses[0])
     first, again = tracker.result(), tracker.result()
@@ -108,7 +108,7 @@ def test_the_result_is_a_query(follow, textured_drive):
     assert tracker.update(pairs[8]).speed_mps == silent[-1].speed_mps
 
 
-def test_same_seed_same_readings_and_other_seeds_agree(follow, steady, textured_drive):
+def test_same_seed_repeats_readings_and_other_seeds_agree(follow, steady, textured_drive):
     pairs, poses = textured_drive
     first, again, other = (np.array([u.speed_mps for u in updates]) for updates in (
         steady[0], follow(pairs[:6], poses[0])[0], follow(pairs, poses[0], seed=6)[0]))
@@ -118,7 +118,7 @@ def test_same_seed_same_readings_and_other_seeds_agree(follow, steady, textured_
     assert np.all(np.abs(first - other)[2:] < stds[2:])
 
 
-def test_pairs_without_the_vehicle_coast_and_it_is_found_again(follow, textured_drive):
+def test_vehicle_is_found_again_after_pairs_that_do_not_show_it(follow, textured_drive):
     pairs, poses = textured_drive
     hidden = [blank(p) if p.index in (5, 6) else p for p in pairs]
     updates, tracker = follow(hidden, poses[0])
@@ -130,8 +130,7 @@ def test_pairs_without_the_vehicle_coast_and_it_is_found_again(follow, textured_
     assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
 
 
-def test_what_occludes_a_part_of_the_front_does_not_drag_it_along(
-        follow, steady, textured_drive):
+def test_partial_occlusion_does_not_bias_the_track(follow, steady, textured_drive):
     pairs, poses = textured_drive
     occluded = [behind_a_post(p) if p.index in (5, 6, 7) else p for p in pairs]
     updates, tracker = follow(occluded, poses[0])
@@ -144,7 +143,7 @@ def test_what_occludes_a_part_of_the_front_does_not_drag_it_along(
         assert np.linalg.norm(update.position_m - clear.position_m) < 3 * std
 
 
-def test_a_front_occluded_in_part_for_long_is_lost(follow, textured_drive):
+def test_front_that_stays_partly_occluded_is_lost(follow, textured_drive):
     pairs, poses = textured_drive
     config = replace(QUICK, visibility=VisibilityConfig(occluded_for_s=0.35))
     occluded = [behind_a_post(p) if p.index > 4 else p for p in pairs]
@@ -163,7 +162,7 @@ def test_a_vehicle_lost_for_good_ends_its_track(follow, textured_drive):
     assert {u.state for u in updates} == {TENTATIVE, COASTING}
 
 
-def test_a_vehicle_that_was_never_seen_has_no_result(textured, textured_drive):
+def test_vehicle_that_was_never_seen_has_no_result(textured, textured_drive):
     pairs, poses = textured_drive
     tracker = ConstrainedTracker.start(
         textured.start(pairs[0], poses[0], QUICK), NoParameters())
@@ -175,7 +174,7 @@ def test_a_vehicle_that_was_never_seen_has_no_result(textured, textured_drive):
     assert result.first_ns == pairs[0].stamp_ns
 
 
-def test_a_vehicle_leaves_the_view(follow, textured):
+def test_track_ends_when_the_vehicle_leaves_the_view(follow, textured):
     pairs, poses = textured.drive(12, speed_mps=30.0, pose=(30.0, 1.0, 1.9))
     updates, tracker = follow(pairs, poses[0])
     # Its corner 1.9 m beside the axis leaves the right half, 160 px of a focal length of 1500,
@@ -184,7 +183,7 @@ def test_a_vehicle_leaves_the_view(follow, textured):
     assert tracker.result().end is TrackEnd.LEFT_VIEW
 
 
-def test_far_beyond_the_path_a_vehicle_has_left(follow, textured, textured_drive):
+def test_track_ends_far_beyond_the_end_of_the_path(follow, textured, textured_drive):
     pairs, poses = textured_drive
     config = replace(QUICK, visibility=VisibilityConfig(beyond_path_m=0.0))
     start = textured.start(pairs[0], poses[0], config)
@@ -195,7 +194,7 @@ def test_far_beyond_the_path_a_vehicle_has_left(follow, textured, textured_drive
     assert [u is None for u in updates] == [pose[0] > 15.0 for pose in poses]
 
 
-def test_a_short_pass_is_rejected_not_guessed(follow, textured_drive):
+def test_short_pass_is_rejected(follow, textured_drive):
     pairs, poses = textured_drive
     result = follow(pairs[:3], poses[0])[1].result()
     assert (result.verdict, result.reason) == (Verdict.REJECTED, 'too_few_pairs')
@@ -210,11 +209,11 @@ def test_long_passes_are_thinned_without_losing_stamps(follow, textured_drive):
     assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
 
 
-def test_braking_is_followed_and_the_profile_smooth(follow, textured):
+def test_braking_is_followed_and_the_profile_is_smooth(follow, textured):
     """
-    From 20 m/s by 6 m/s^2 after half a second, 10 pairs a second.
+    Braking at 6 m/s^2 from 20 m/s after half a second, 10 pairs a second.
 
-    In its first two pairs braking is what one vehicle in twenty does: no sigma foresees it.
+    One vehicle in twenty brakes in the first two pairs, which the 1-sigma does not cover.
     """
     times = np.arange(16) / 10
     late = np.maximum(times - 0.5, 0)
@@ -234,7 +233,7 @@ def test_braking_is_followed_and_the_profile_smooth(follow, textured):
     assert np.ptp(list(result.smoothed.values())) == pytest.approx(6.0, abs=0.7)
 
 
-def test_a_slow_camera_is_solved_for_in_every_pair(follow, steady, textured_drive):
+def test_every_pair_of_a_slow_camera_is_solved(follow, steady, textured_drive):
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.0))
     for update, other in zip(steady[0], follow(pairs[:6], poses[0], config)[0]):
@@ -244,8 +243,8 @@ def test_a_slow_camera_is_solved_for_in_every_pair(follow, steady, textured_driv
 SPARING = replace(QUICK, effort=EffortConfig(solve_interval_s=0.15))  # of 10 pairs a second
 
 
-def test_between_solutions_readings_go_on_within_their_sigma(follow, steady, textured_drive):
-    """From the third pair on every other one is solved for; all of them count."""
+def test_readings_between_solutions_are_within_their_sigma(follow, steady, textured_drive):
+    """From the third pair on every other pair is solved; all of them count."""
     pairs, poses = textured_drive
     updates, tracker = follow(pairs, poses[0], SPARING)
     assert [u.state for u in updates] == [TENTATIVE] * 2 + [CONFIRMED] * 10
@@ -262,7 +261,7 @@ def test_between_solutions_readings_go_on_within_their_sigma(follow, steady, tex
 
 
 @pytest.mark.parametrize(('alone', 'interval_s'), [(1, 0.15), (2, 0.075), (3, 0.05)])
-def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
+def test_share_of_the_particles_is_also_the_share_of_the_solutions(
         follow, textured_drive, alone, interval_s):
     """Its readings equal those of a lone track with the same interval between solutions."""
     pairs, poses = textured_drive
@@ -273,8 +272,7 @@ def test_who_has_a_share_of_the_particles_has_it_of_the_solutions(
 
 
 @pytest.mark.parametrize('interval_s', [0.045, 0.06])
-def test_who_hurries_is_solved_for_when_its_solution_is_twice_as_old_as_it_should_be(
-        textured, textured_drive, interval_s):
+def test_hurried_track_is_solved_at_the_maximum_solution_age(textured, textured_drive, interval_s):
     pairs, poses = textured_drive
     said = []
     for interval, hurried in ((interval_s, True), (MOST_TIMES * OLD_S, False)):
@@ -287,8 +285,7 @@ def test_who_hurries_is_solved_for_when_its_solution_is_twice_as_old_as_it_shoul
 
 
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
-def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
-        textured, textured_drive, hide):
+def test_hurried_track_notices_the_end_of_an_occlusion_at_once(textured, textured_drive, hide):
     """Hidden in pairs 5 to 8: without a quick check it would be searched only after 1.8 s."""
     pairs, poses = textured_drive
     config = replace(QUICK, effort=EffortConfig(solve_interval_s=0.05))
@@ -302,11 +299,11 @@ def test_who_hurries_sees_at_a_glance_that_what_was_occluded_is_back(
 
 def hidden_for_long(textured, poses, hurried, of=1):
     """
-    Follow a vehicle at 30 pairs a second, which nobody sees from pair 6 on.
+    Follow a vehicle at 30 pairs a second that is hidden from pair 6 on.
 
     :param poses: (n, 3) of the vehicle in each pair.
-    :param of: so many tracks in view, which share solutions.
-    :return: the tracker and, for each pair, the update and whether the vehicle was looked for.
+    :param of: number of tracks in view, which share solutions.
+    :return: the tracker and, for each pair, the update and whether the vehicle was searched for.
     """
     pairs = [textured.pair(k, round(k * SECOND / 30), pose) for k, pose in enumerate(poses[:6])]
     grey = blank(pairs[0])
@@ -326,8 +323,8 @@ def hidden_for_long(textured, poses, hurried, of=1):
 
 @pytest.mark.parametrize(('hurried', 'most_s'), [(False, OLD_S), (True, 1.5)])
 @pytest.mark.parametrize('of', [1, 4])
-def test_what_is_hidden_is_looked_for_in_time_and_lost_in_time(textured, hurried, most_s, of):
-    """It is lost 1.5 s after the last pair that showed it, 5, however seldom it was sought."""
+def test_hidden_vehicle_is_searched_for_and_lost_in_time(textured, hurried, most_s, of):
+    """It is lost 1.5 s after pair 5, the last that showed it, however rare the searches."""
     poses = np.array([6.0, 0.1, 1.9]) + np.outer(np.arange(60) / 30, [10.0, 0, 0])
     tracker, said = hidden_for_long(textured, poses, hurried, of)
     assert tracker.life.end is TrackEnd.LOST
@@ -338,8 +335,8 @@ def test_what_is_hidden_is_looked_for_in_time_and_lost_in_time(textured, hurried
 
 
 @pytest.mark.parametrize('hurried', [False, True])
-def test_what_is_hidden_leaves_the_view_in_time(textured, hurried):
-    """At 30 m/s its corner leaves the right image 17.8 m away, a metre a pair, 0.5 s later."""
+def test_hidden_vehicle_leaves_the_view_in_time(textured, hurried):
+    """At 30 m/s its corner leaves the right image 17.8 m away, 1 m per pair, 0.5 s later."""
     poses = np.array([20.0, 1.0, 1.9]) + np.outer(np.arange(40) / 30, [30.0, 0, 0])
     tracker, said = hidden_for_long(textured, poses, hurried)
     assert tracker.life.end is TrackEnd.LEFT_VIEW
@@ -348,7 +345,7 @@ def test_what_is_hidden_leaves_the_view_in_time(textured, hurried):
 
 
 @pytest.mark.parametrize('hide', [behind_a_post, blank], ids=['post', 'nothing'])
-def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
+def test_vehicle_hidden_between_solutions_coasts(follow, textured_drive, hide):
     """Pair 5 would not be solved for; 7 is the next solution, and 9 confirms it."""
     pairs, poses = textured_drive
     hidden = [hide(p) if p.index == 5 else p for p in pairs]
@@ -360,7 +357,7 @@ def test_what_is_hidden_between_solutions_coasts(follow, textured_drive, hide):
     assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
 
 
-def test_a_pair_that_does_not_show_the_vehicle_is_looked_at_once_before_it_is_solved_for(
+def test_pair_without_the_vehicle_is_checked_once_before_it_is_solved(
         follow, textured_drive, monkeypatch):
     """Pair 5 is requested three times, as by a pipeline that solves in the background."""
     pairs, poses = textured_drive
@@ -376,11 +373,11 @@ def test_a_pair_that_does_not_show_the_vehicle_is_looked_at_once_before_it_is_so
     assert said.state is COASTING and (said.s_m, said.speed_mps) == (
         asked_once.s_m, asked_once.speed_mps)
     _, tracker = follow(pairs[:5], poses[0], SPARING)
-    assert tracker.expected(hidden) is None  # by a look of its own
+    assert tracker.expected(hidden) is None  # by its own check
     assert tracker.expected(pairs[5]).stamp_ns == pairs[5].stamp_ns
 
 
-def test_the_cloud_is_expected_where_its_particles_will_go(follow, textured_drive):
+def test_expected_pose_is_the_mean_of_the_predicted_particles(follow, textured_drive):
     """By another computation: forty thousand particles moved by their random walks."""
     pairs, poses = textured_drive
     _, tracker = follow(pairs[:6], poses[0])
@@ -394,8 +391,8 @@ def test_the_cloud_is_expected_where_its_particles_will_go(follow, textured_driv
     assert np.abs((got_covariance - covariance) / np.outer(std, std)).max() < np.sqrt(2) * most
 
 
-def test_braking_at_thirty_pairs_a_second_is_within_its_sigma(follow, textured):
-    """From 20 m/s by 6 m/s^2; two tenths of a second later both kinds of readings follow."""
+def test_braking_at_30_pairs_a_second_is_within_its_sigma(follow, textured):
+    """From 20 m/s at 6 m/s^2; both kinds of readings follow within 0.2 s."""
     times = np.arange(36) / 30
     late = np.maximum(times - 0.5, 0)
     poses = np.column_stack([6 + MPS * times - 3 * late ** 2, np.full(36, 0.1), np.full(36, 1.9)])
@@ -407,9 +404,8 @@ def test_braking_at_thirty_pairs_a_second_is_within_its_sigma(follow, textured):
     assert len(z) == 28 and np.abs(z).max() < at_most(0.001, len(z))
 
 
-def test_what_braked_out_of_sight_is_confirmed_when_two_pairs_have_shown_its_speed(
-        follow, textured):
-    """Hidden while it braked for 0.4 s by 4 m/s^2; pairs nearer than 0.06 s count as one."""
+def test_speed_changed_while_hidden_is_confirmed_after_two_pairs(follow, textured):
+    """Hidden while it braked at 4 m/s^2 for 0.4 s; pairs less than 0.06 s apart count as one."""
     times = np.arange(24) / 30
     late = np.clip(times - 0.3, 0, 0.4)
     path_m = MPS * times - 2 * late ** 2 - 4 * late * np.maximum(times - 0.7, 0)
@@ -424,7 +420,7 @@ def test_what_braked_out_of_sight_is_confirmed_when_two_pairs_have_shown_its_spe
     assert len(z) >= 2 and np.abs(z).max() < at_most(0.001, len(z))
 
 
-def test_a_right_view_exposed_later_counts_at_its_own_time(follow, textured):
+def test_right_view_exposed_later_counts_at_its_own_time(follow, textured):
     """Each right image is taken 40 ms later, 0.8 m further on."""
     times = np.arange(10) / 10
     poses = np.column_stack([6 + MPS * times, np.full(10, 0.1), np.full(10, 1.9)])
@@ -444,7 +440,7 @@ def test_a_right_view_exposed_later_counts_at_its_own_time(follow, textured):
     assert abs(result.speed_mps - MPS) < at_most(0.001, 1) * result.speed_std_mps
 
 
-def test_another_number_of_particles_keeps_the_reading(follow, textured_drive):
+def test_number_of_particles_does_not_change_the_reading(follow, textured_drive):
     pairs, poses = textured_drive
     _, tracker = follow(pairs[:6], poses[0])
     tracker.share(77)
@@ -453,7 +449,7 @@ def test_another_number_of_particles_keeps_the_reading(follow, textured_drive):
     assert abs(update.speed_mps - MPS) < at_most(0.001, 1) * update.speed_std_mps
 
 
-def test_quads_on_different_things_are_refused(textured, textured_drive):
+def test_quads_on_different_objects_are_refused(textured, textured_drive):
     pairs, poses = textured_drive
     start = textured.start(pairs[0], poses[0], QUICK)
     wrong = replace(start.front, right_px=start.front.right_px + [0.0, 60.0])
@@ -479,8 +475,8 @@ def test_stamps_must_increase_until_a_reset(textured, textured_drive):
 
 @pytest.mark.parametrize('speed_mps, may', [
     (23.8, True), (24.0, False), (16.2, True), (16.0, False)])
-def test_a_speed_that_no_tyre_could_change_to_is_not_confirmed(steady, speed_mps, may):
-    """Within 0.2 s by 2.4 m/s and three of the joint 1-sigma, 0.5 m/s, at most."""
+def test_physically_impossible_speed_change_is_not_confirmed(steady, speed_mps, may):
+    """The limit is 2.4 m/s within 0.2 s plus three joint 1-sigmas, at most 0.5 m/s."""
     before = replace(steady[0][-1], speed_mps=20.0, speed_std_mps=0.3)
     update = replace(before, stamp_ns=before.stamp_ns + 200_000_000, speed_mps=speed_mps,
                      speed_std_mps=0.4)
@@ -497,7 +493,7 @@ def test_transport_reaches_the_wanted_moments_exactly():
     np.testing.assert_allclose(np.cov(moved.T, ddof=0), goal[1], atol=1e-8)
 
 
-def test_a_cloud_without_a_shape_is_drawn_anew():
+def test_degenerate_particle_cloud_is_redrawn():
     rng = np.random.default_rng(0)
     states = np.repeat(rng.normal(size=(3, 4)), 1000, axis=0)
     goal = np.ones(4), np.diag([4.0, 1.0, 0.25, 2.0])
@@ -507,7 +503,7 @@ def test_a_cloud_without_a_shape_is_drawn_anew():
 
 
 def extreme_configs(together=6):
-    """Return groups of parameters at their least or greatest value, each extreme in one group."""
+    """Return groups of parameters at their minimum or maximum, each extreme in one group."""
     extremes = []
     for name, field in parameters_of(TrackerConfig):
         choices = field.metadata['choices']
@@ -521,7 +517,7 @@ def extreme_configs(together=6):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('extremes', extreme_configs())
-def test_every_configuration_that_loads_also_runs(textured, textured_drive, extremes):
+def test_every_valid_configuration_runs(textured, textured_drive, extremes):
     config = SMALL
     for name, value in extremes:
         section, _, key = name.rpartition('.')
@@ -563,13 +559,14 @@ def test_simulated_passes_are_measured_within_their_sigma(name, request, drive):
 @pytest.mark.parametrize('lag_s, seed, knots', [
     (0.0, 2, ((0.8143136, 23.0465692), (1.6881198, 17.8037323))),
     (0.05, 3, ((0.75, 21.5), (1.5, 17.0))), (0.05, 6, ((0.96, 22.7), (1.6, 18.9)))])
-def test_who_stops_braking_at_once_is_read_within_4_sigma(prepare, lag_s, seed, knots):
+def test_abrupt_end_of_braking_is_within_4_sigma(prepare, lag_s, seed, knots):
     """
-    A vehicle that brakes at 6 m/s^2 and stops doing so at once; some pairs are lost.
+    A vehicle that stops braking at 6 m/s^2 from one pair to the next; some pairs are lost.
 
-    Where nothing said that braking ends, the first was read 6.5 sigmas low.  The others are seen
-    by cameras exposed apart: the right view shows them some 90 cm further on.  Where that was
-    taken from the speed, and not solved for with it, they were up to 4.9 and 8.2 sigmas off.
+    Without a model for the end of braking the first reading was 6.5 sigmas low.  In the other
+    cases the cameras are exposed apart, so that the right view shows the vehicle some 90 cm
+    further on; with the lag applied to the speed instead of solved for with it, errors reached 4.9
+    and 8.2 sigmas.
     """
     readings = braked(prepare, knots, seed, lag_s, drop=(2, 6) if seed == 3 else ())
     after = [sigmas for time_s, sigmas, _ in readings if time_s > knots[1][0]]
@@ -596,11 +593,12 @@ def braked(prepare, knots, seed, lag_s=0.0, drop=()):
 
 
 @pytest.mark.slow
-def test_who_brakes_hard_is_read_within_4_sigma(prepare):
+def test_hard_braking_is_within_4_sigma(prepare):
     """
-    Twelve vehicles that brake at 6 m/s^2 from some time on until another, both drawn.
+    Twelve vehicles that brake at 6 m/s^2 from a random time on, for a random time.
 
-    Images hardly show the onset in the first reading after it, which comes apart (``pytest -s``).
+    Images hardly show the onset in the first reading after it, which is printed separately
+    (``pytest -s``).
     """
     first, others = [], []
     for seed in range(12):

@@ -27,7 +27,7 @@ def oncoming():
     return StraightPath(np.array([0.0, 2.0, 60.0]), np.array([0.0, 0.0, -1.0]), 50.0)
 
 
-def test_points_of_an_oncoming_front_by_hand(oncoming):
+def test_oncoming_front_points_by_hand(oncoming):
     # Travel is towards the camera, so left of travel is right in the image (+x), up is -y.
     got = plane_points(oncoming, np.array([[10.0, 0.5, 0.8]]), np.array([[0.0, 0.0], [1.0, 0.3]]))
     np.testing.assert_allclose(got[0], [[0.5, 1.2, 50.0], [1.5, 0.9, 50.0]], atol=1e-12)
@@ -41,8 +41,8 @@ def test_onto_cross_planeion_undoes_projection(rig, oncoming):
                                plane_xy + [0.3, 0.7], atol=1e-9)
 
 
-def test_quads_of_both_views_follow_the_plane_induced_homographies(rig, oncoming):
-    """Corners projected in 3-D move as eq. 5, 8 and 11 say, for both views."""
+def test_quads_follow_the_plane_induced_homographies(rig, oncoming):
+    """Corners projected in 3-D move as eq. 5, 8 and 11 predict, in both views."""
     front = Front(oncoming, np.array([[-0.9, 0.4], [0.9, 0.4], [0.9, -0.4], [-0.9, -0.4]]))
     before = front.corners(rig, np.array([[10.0, 0.0, 0.8]]))
     after = front.corners(rig, np.array([[14.0, 0.1, 0.8]]))

@@ -14,8 +14,8 @@ def drives(hypothesis):
 
 
 @pytest.mark.parametrize('cruise_share, walking', [(0.7, 1 / 0.3), (0.0, 1.0), (0.5, 2.0)])
-def test_who_has_braked_for_a_while_is_one_whose_speed_walks_the_most(cruise_share, walking):
-    """Of those in one lane the cruising are counted to the others; in a change there are none."""
+def test_sustained_braking_matches_the_hypothesis_with_most_speed_noise(cruise_share, walking):
+    """In one lane the cruising share counts with the others; in a lane change there is none."""
     config = TrackerConfig(cruise_share=cruise_share)
     shares = {drives(h): h.onsets for h in hypotheses_of(config)}
     assert shares.pop((config.cruise_rate_std, False), 0.0) == 0.0
@@ -28,8 +28,8 @@ def test_shares_are_those_of_a_mixture():
     assert sum(h.share for h in hypotheses_of(TrackerConfig())) == pytest.approx(1.0)
 
 
-def test_kin_are_alike_but_for_the_walk_of_the_speed():
-    """Each has the greatest weight of those of its scatter, lane and ride."""
+def test_kin_differ_only_in_the_random_walk_of_the_speed():
+    """Each gets the greatest weight among those of the same scatter, lane and ride."""
     all_ = hypotheses_of(TrackerConfig())
     weights = np.random.default_rng(0).dirichlet(np.full(len(all_), 0.1))
     found = of_kin(all_, weights)
@@ -41,8 +41,8 @@ def test_kin_are_alike_but_for_the_walk_of_the_speed():
     assert len(set(found)) == len(all_) // 2.5  # three walks in one lane, two in a change
 
 
-def test_an_onset_to_come_counts_as_a_speed_that_changes_does():
-    """All weight on one that changes its speed: its kin alone are kept beside it."""
+def test_coming_onset_counts_like_a_changing_speed():
+    """With all weight on one that changes its speed, only its kin are kept beside it."""
     all_ = hypotheses_of(TrackerConfig())
     changing = next(k for k, h in enumerate(all_) if h.motion.speed_rate_std is None)
     weights = np.eye(len(all_))[changing]

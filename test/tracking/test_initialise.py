@@ -29,7 +29,7 @@ def moved(front, left=(0.0, 0.0), right=(0.0, 0.0)):
     return replace(front, left_px=front.left_px + left, right_px=front.right_px + right)
 
 
-def test_exact_quads_give_the_place_and_its_slopes(textured, pair):
+def test_exact_quads_give_the_position_and_its_slopes(textured, pair):
     placed = place_front(textured.start(pair, POSE), GRID)
     assert abs(placed.pose[0] - POSE[0]) < 0.2 / SLOPE  # the step of the search
     np.testing.assert_allclose(placed.front.corners_m, textured.corners_m, atol=0.01)
@@ -40,7 +40,7 @@ def test_exact_quads_give_the_place_and_its_slopes(textured, pair):
     assert placed.cross_ncc > 0.97
 
 
-def test_the_views_tell_the_depth_better_than_scattered_quads_do(textured, pair):
+def test_views_measure_depth_better_than_scattered_quads(textured, pair):
     """Quads are wrong by their 1-sigma in depth, either way; the offsets stay on the ray."""
     start = textured.start(pair, POSE)
     by_quads_m = start.front.std_px * np.sqrt(2 / 4) / SLOPE
@@ -58,7 +58,7 @@ def test_the_views_tell_the_depth_better_than_scattered_quads_do(textured, pair)
     ((0.0, 0.0), (60.0, 0.0), 'left and right quads', 'no point in front of the cameras'),
     ((30.0, -60.0), (30.0, -60.0), 'left-right correlation', '0.0'),
 ])
-def test_what_is_no_front_is_refused_with_its_reason(textured, pair, left, right, what, found):
+def test_invalid_fronts_are_refused_with_a_reason(textured, pair, left, right, what, found):
     start = textured.start(pair, POSE)
     # Beside the front there is noise, which the views do not have in common.
     refused = place_front(replace(start, front=moved(start.front, left, right)), GRID)
@@ -76,7 +76,7 @@ def test_limits_of_the_start_are_parameters(textured, pair):
     assert place_front(strict, GRID).wanted.startswith('above 0.9999')
 
 
-def test_a_right_view_of_a_later_time_gives_the_same_place(textured):
+def test_right_view_of_a_later_time_gives_the_same_position(textured):
     """40 ms later the front is 0.8 m further on, at an expected speed of 20 m/s."""
     then = POSE + [0.8, 0, 0]
     late = textured.pair(0, 0, POSE, right_ns=40_000_000, right_pose=then)
@@ -91,7 +91,7 @@ def placement(textured, config):
     return start, place_front(start, GRID)
 
 
-def test_first_particles_lie_on_the_ray_with_any_likely_speed(textured):
+def test_first_particles_lie_on_the_ray_with_likely_speeds(textured):
     config = TrackerConfig(particles=4000, start=StartConfig(any_speed_share=0.0),
                            initial_speed_std=0.1)
     start, placed = placement(textured, config)
@@ -106,7 +106,7 @@ def test_first_particles_lie_on_the_ray_with_any_likely_speed(textured):
 
 
 @pytest.mark.parametrize('share, factor', [(0.25, 2.5), (1.0, 1.5)])
-def test_a_share_of_the_first_particles_has_any_speed(textured, share, factor):
+def test_some_of_the_first_particles_have_any_speed(textured, share, factor):
     config = TrackerConfig(
         particles=2000, initial_speed_std=0.01,
         start=StartConfig(any_speed_share=share, any_speed_factor=factor))
@@ -116,7 +116,7 @@ def test_a_share_of_the_first_particles_has_any_speed(textured, share, factor):
 
 
 @pytest.mark.parametrize('side', ['left', 'right'])
-def test_an_annotation_outside_its_image_names_the_side(textured, side):
+def test_annotation_outside_its_image_names_the_side(textured, side):
     left, right = textured.quads(POSE)
     check_annotation(textured.rig, InitialFront(2, left, right), 'init.yaml')
     outside = moved(InitialFront(2, left, right), **{side: (300.0, 0.0)})

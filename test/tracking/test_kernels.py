@@ -30,7 +30,7 @@ def agree(one, *args, rtol=1e-9, atol=1e-11):
 
 @pytest.fixture(scope='module')
 def observations():
-    """Patches of one texture, with outliers, outlines in one, and one that does not count."""
+    """Return patches of one texture: with outliers, one with outlines, and one not counted."""
     texture = RNG.standard_normal(G)
     patches = texture + 0.2 * RNG.standard_normal((N, 2, G))
     patches[2, :, :9] += 4.0
@@ -108,8 +108,8 @@ def test_points_of_fronts():
 @pytest.mark.parametrize('count', [1, 2, 9, 24])
 @pytest.mark.parametrize('changes', [
     {}, {'manoeuvre_across_std_m': 0.0, 'acceleration_std_mps2': 0.0, 'cruise_rate_std': 0.0}])
-def test_answers_of_models_of_motion(count, changes):
-    """In parts, and as one system of equations: each in its own 1-sigmas, whatever is said."""
+def test_motion_model_answers_in_parts_equal_the_full_system(count, changes):
+    """Each with its own 1-sigmas, with and without evidence about speeds."""
     rng = np.random.default_rng(count)
     motion = PassMotion(
         PassPrior(s_m=1.0, s_std_m=2.0, offset_m=np.array([0.1, 0.2]),
@@ -134,8 +134,8 @@ def test_answers_of_models_of_motion(count, changes):
                                wanted[2] / (std[:, :, None] * std[:, None]), atol=1e-7)
 
 
-def test_answers_where_images_tell_of_speeds_and_say_nothing():
-    """What is said of speeds goes through all unknowns at once; nothing said changes nothing."""
+def test_empty_speed_evidence_does_not_change_the_answers():
+    """Evidence about speeds takes the path through all unknowns; empty, it changes nothing."""
     motion = PassMotion(
         PassPrior(s_m=1.0, s_std_m=2.0, offset_m=np.array([0.1, 0.2]),
                   offset_slope=np.array([0.01, -0.02]), speed_mps=20.0, speed_std_mps=5.0,

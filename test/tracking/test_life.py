@@ -31,7 +31,7 @@ def at(empty):
     return lambda k: replace(empty, index=k, stamp_ns=k * 500_000_000)
 
 
-def test_it_is_confirmed_after_enough_pairs_however_they_are_spread(life, at, textured):
+def test_track_is_confirmed_after_enough_pairs_however_spread(life, at, textured):
     left, _ = textured.quads(POSE)
     assert [life.seen(at(0), left), life.seen(at(1), left)] == [TrackState.TENTATIVE] * 2
     assert life.coasts(at(2))
@@ -39,31 +39,32 @@ def test_it_is_confirmed_after_enough_pairs_however_they_are_spread(life, at, te
     assert life.stamps_ns == [0, 500_000_000, 1_500_000_000] and life.end is None
 
 
-def test_the_extent_is_the_greatest(life, at, textured):
+def test_extent_is_the_maximum(life, at, textured):
     for k, s in enumerate((20.0, 30.0, 10.0)):
         life.seen(at(k), textured.quads((s, 0.1, 1.9))[0])
     assert life.extent_px == pytest.approx(1.8 * 1500 / 30)
 
 
-def test_time_goes_on_from_pair_to_pair(life, at):
+def test_time_advances_from_pair_to_pair(life, at):
     assert [life.advance_s(at(k)) for k in (0, 1, 4)] == [0.0, 0.5, 1.5]
 
 
 @pytest.mark.parametrize('partly_seen, pairs', [(False, 2), (True, 4)])
-def test_it_is_lost_when_unseen_or_occluded_for_too_long(life, at, textured, partly_seen, pairs):
+def test_track_is_lost_when_unseen_or_occluded_for_too_long(
+        life, at, textured, partly_seen, pairs):
     life.seen(at(0), textured.quads(POSE)[0])
     goes_on = [life.coasts(at(k), partly_seen=partly_seen) for k in range(1, pairs + 2)]
     assert goes_on == [True] * pairs + [False] and life.end is TrackEnd.LOST
 
 
-def test_what_was_never_seen_is_lost_as_well(life, at):
+def test_track_that_was_never_seen_is_lost_too(life, at):
     assert [life.coasts(at(k)) for k in (0, 1, 2, 3)] == [True, True, True, False]
     assert life.first_ns == 0 and life.stamps_ns == []
 
 
 @pytest.mark.parametrize('shift', [(0.0, 0.0), (-300.0, 0.0), (0.0, 200.0), (np.nan, np.nan)])
 @pytest.mark.parametrize('side', [0, 1])
-def test_it_leaves_with_the_first_corner_that_is_out_of_an_image(life, textured, shift, side):
+def test_vehicle_leaves_with_its_first_corner_outside_an_image(life, textured, shift, side):
     quads = list(textured.quads(POSE))
     quads[side] = quads[side].copy()
     quads[side][2] += shift
@@ -72,7 +73,7 @@ def test_it_leaves_with_the_first_corner_that_is_out_of_an_image(life, textured,
     assert life.end is (TrackEnd.LEFT_VIEW if left else None)
 
 
-def test_what_is_higher_than_wide_is_as_large_as_it_is_high():
+def test_extent_of_a_tall_front_is_its_height():
     upright = np.array([[10.0, 20], [27, 21], [28, 52], [11, 51]])  # 17 or 18 px wide
     assert extent_px(upright) == pytest.approx(32.0)
     assert extent_px(upright[:, ::-1]) == pytest.approx(32.0)

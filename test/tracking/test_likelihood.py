@@ -17,7 +17,7 @@ def quads_of(textured, pose, shift_px=(0.0, 0.0)):
     return left[None] + shift_px, right[None] + shift_px
 
 
-def test_the_true_place_is_the_most_likely(textured, textured_drive):
+def test_true_position_is_the_most_likely(textured, textured_drive):
     (first, second), poses = textured_drive[0][6:8], textured_drive[1]
     at = score(first.left, first.right, quads_of(textured, poses[6]), None, grid=GRID,
                config=CONFIG)
@@ -32,7 +32,7 @@ def test_the_true_place_is_the_most_likely(textured, textured_drive):
     assert scores.cross_ncc[0] > 0.95
 
 
-def test_the_likelihood_is_that_of_the_paper(textured, textured_drive):
+def test_likelihood_equals_the_formula_of_the_paper(textured, textured_drive):
     """Eq. 13 and 18: squared distances to the reference and the lack of correlation, weighted."""
     (first, second), poses = textured_drive[0][6:8], textured_drive[1]
     quads = quads_of(textured, poses[7], (1.0, 0.0))
@@ -49,7 +49,7 @@ def test_the_likelihood_is_that_of_the_paper(textured, textured_drive):
         alone.log_likelihood[0] - CONFIG.lambda_d * distance, rel=1e-5)
 
 
-def test_particles_not_seen_are_impossible(textured, textured_drive):
+def test_particles_out_of_view_are_impossible(textured, textured_drive):
     pair, pose = textured_drive[0][0], textured_drive[1][0]
     left, right = quads_of(textured, pose)
     behind = np.full_like(left, np.nan)
@@ -63,7 +63,7 @@ def test_particles_not_seen_are_impossible(textured, textured_drive):
     assert none.log_likelihood.tolist() == [-np.inf]
 
 
-def test_reference_keeps_epsilon_of_the_old():
+def test_reference_keeps_a_share_epsilon_of_the_previous_one():
     old, new = np.array([1.0, 0.0], np.float32), np.array([0.0, 1.0], np.float32)
     got = Reference(old, old).updated(new, new, 0.3)
     np.testing.assert_allclose(got.left, np.array([0.3, 0.7]) / np.hypot(0.3, 0.7), rtol=1e-6)

@@ -17,7 +17,7 @@ RATE, S_STD, V_STD, MEASURE_STD = 0.4, 2.0, 5.0, 0.3
 
 
 def kalman_smoother(measured):
-    """Rauch-Tung-Striebel smoother of (s, v), speed a Wiener process, textbook form."""
+    """Return the textbook Rauch-Tung-Striebel smoother of (s, v), speed a Wiener process."""
     x, P = np.array([1.0, 20.0]), np.diag([S_STD ** 2, V_STD ** 2])
     H, R = np.array([[1.0, 0.0]]), np.array([[MEASURE_STD ** 2]])
     filtered, predicted, steps = [], [], []
@@ -54,7 +54,7 @@ def measurements(n):
     return measured, info, right
 
 
-def test_motion_model_is_the_kalman_smoother_of_the_same_process():
+def test_motion_model_equals_the_kalman_smoother_of_its_process():
     n = len(TIMES_S)
     measured, info, right = measurements(n)
     standing = np.zeros((n, 4))  # no heading error to share
@@ -67,7 +67,7 @@ def test_motion_model_is_the_kalman_smoother_of_the_same_process():
         np.testing.assert_allclose(covariance[np.ix_(at, at)], P, rtol=1e-5, atol=1e-9)
 
 
-def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
+def test_changing_speed_is_an_integrated_wiener_process():
     """Covariances of (s, v, a) at any two times in closed form, s(0), v(0), a(0) independent."""
     n, jerk, a_std = len(TIMES_S), 3.0, 1.5
     motion = pass_motion(jerk_rate_std=jerk, acceleration_std_mps2=a_std)
@@ -85,8 +85,8 @@ def test_changing_speed_is_the_integrated_wiener_process_of_its_acceleration():
 
 
 @pytest.mark.parametrize('fps', [5.0, 60.0])
-def test_processes_without_noise_and_with_exact_stamps_can_still_be_solved(fps):
-    """Every rate 0: what is left is a constant speed, or a constant acceleration."""
+def test_noise_free_processes_with_exact_stamps_can_be_solved(fps):
+    """With every rate 0 a constant speed remains, or a constant acceleration."""
     motion = pass_motion(0.0, speed_rate_std=0.0, cruise_rate_std=0.0, jerk_rate_std=0.0,
                          acceleration_std_mps2=0.0, drift_across_std_m=0.0,
                          manoeuvre_across_std_m=0.0)
@@ -100,8 +100,8 @@ def test_processes_without_noise_and_with_exact_stamps_can_still_be_solved(fps):
         assert np.all(np.diag(found.covariance) > 0)
 
 
-def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
-    """The sigma of the speed with jittered stamps is that of measurements jittered alike."""
+def test_effect_of_stamp_jitter_equals_brute_force():
+    """The sigma of the speed with 1 ms stamp jitter is that of measurements jittered alike."""
     n, v, jitter = len(TIMES_S), 20.0, 2e-3
     _, info, right = measurements(n)
     info[info > 0], state = 1e12, np.tile([0.0, 0, 0, v], (n, 1))
@@ -113,8 +113,8 @@ def test_stamps_off_by_a_millisecond_cost_what_brute_force_says():
     assert np.sqrt(covariance[3 * n, 3 * n]) == pytest.approx(np.std(slopes), rel=0.06)
 
 
-def test_moves_of_a_rate_that_persists_are_its_covariance_integrated():
-    """Over both intervals, by quadrature; the rate is one exp(-|t - t'| / T)."""
+def test_persistent_moves_integrate_the_covariance_of_the_rate():
+    """Over both intervals, by quadrature; the rate's covariance decays as exp(-|t - t'| / T)."""
     drift, persists = 1.3, 0.4
     fine = np.linspace(0.0, TIMES_S[-1], 1201)
     rate = drift ** 2 / (2 * persists) * np.exp(-np.abs(fine[:, None] - fine) / persists)
@@ -125,7 +125,7 @@ def test_moves_of_a_rate_that_persists_are_its_covariance_integrated():
     np.testing.assert_allclose(persistent_moves(TIMES_S, drift, persists), want, rtol=5e-3)
 
 
-def test_moves_over_long_times_are_those_of_the_drift():
+def test_persistent_moves_over_long_times_equal_the_drift():
     far = np.arange(5) * 1000.0
     np.testing.assert_allclose(persistent_moves(far, 1.3, 0.5), 1.3 ** 2 * 1000.0 * np.eye(4),
                                rtol=1e-3, atol=0.5)
@@ -133,7 +133,7 @@ def test_moves_over_long_times_are_those_of_the_drift():
 
 @pytest.mark.parametrize('lasts_s', [2.0, 3.0, 5.0])
 @pytest.mark.parametrize('fps', [5.0, 12.0])
-def test_the_evidence_tells_a_change_of_lanes_from_wandering(lasts_s, fps):
+def test_evidence_separates_a_lane_change_from_wandering(lasts_s, fps):
     """A smooth step of 3.5 m is a lane change, however slow; the lane's own drift is not."""
     times = np.arange(0.0, 5.8, 1 / fps)
     part = np.clip((times - 0.4) / lasts_s, 0.0, 1.0)
@@ -150,7 +150,7 @@ def test_the_evidence_tells_a_change_of_lanes_from_wandering(lasts_s, fps):
 
 
 def _offsets_seen(offset_m, std_m):
-    """Information of offsets seen with a 1-sigma."""
+    """Return the information of offsets measured with a 1-sigma."""
     n = len(offset_m)
     info, right = np.zeros(3 * n), np.zeros(3 * n)
     info[1::3] = std_m ** -2
@@ -159,13 +159,13 @@ def _offsets_seen(offset_m, std_m):
 
 
 @pytest.mark.parametrize('fps', [2.5, 10.0, 60.0])
-def test_lateral_rates_of_a_parabola_are_exact_at_every_observation(fps):
+def test_lateral_rates_of_a_parabola_are_exact(fps):
     t = np.arange(0, 2.0, 1 / fps)
     np.testing.assert_allclose(lateral_rates(t, 0.3 + 0.5 * t - 0.7 * t ** 2), 0.5 - 1.4 * t,
                                atol=1e-9)
 
 
-def test_heading_is_where_the_vehicle_drives_and_none_when_it_stands():
+def test_heading_is_the_direction_of_motion_and_zero_at_rest():
     state = np.array([[0.0, 0, 0, 20.0], [0, 0, 0, 0.5]])
     got = headings(state, np.array([2.0, 2.0]), np.array([0.5, 1.0]))
     np.testing.assert_allclose(got, [np.arctan2(2.0, 10.0), 0.0])
@@ -175,14 +175,14 @@ def test_heading_is_where_the_vehicle_drives_and_none_when_it_stands():
     ({}, 10), ({'manoeuvre_probability': 0.0}, 4), ({'cruise_share': 0.0}, 8),
     ({'smooth_share': 1.0}, 5),
     ({'manoeuvre_probability': 0.0, 'cruise_share': 1.0, 'smooth_share': 0.0}, 1)])
-def test_models_share_the_probability_and_one_is_always_left(changes, number):
+def test_model_shares_add_up_to_one_for_any_selection(changes, number):
     models = motion_models(TrackerConfig(**changes))
     assert len(models) == number
     assert sum(model.share for model in models) == pytest.approx(1.0)
     assert all(model.share > 0 for model in models)
 
 
-def test_unknowns_are_apart_and_complete():
+def test_state_indices_are_disjoint_and_complete():
     at = StateIndex(4)
     parts = (at.poses, at.speeds, at.accelerations, at.heading_error,
              np.array(at.crossfall_error))

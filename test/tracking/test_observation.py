@@ -49,7 +49,7 @@ def test_patches_are_the_texture_of_the_front(clear, pair):
         assert np.corrcoef(patch, texture)[0, 1] > 0.97
 
 
-def test_patches_show_the_front_only_where_it_is(clear, pair):
+def test_patches_are_valid_only_on_the_front(clear, pair):
     sampler = sampler_of(clear)
     agree = [float(np.mean(np.prod(observe(sampler, pair, POSE + [ds, 0, 0]).patches, axis=0)))
              for ds in (0.0, -1.5, 1.5)]
@@ -69,7 +69,7 @@ def test_derivatives_are_those_of_the_patches(clear, pair, axis, step_m):
     assert np.sum(got * want) > 0.95 * np.linalg.norm(got) * np.linalg.norm(want)
 
 
-def test_relief_moves_a_sample_as_going_on_does(clear, pair):
+def test_relief_has_the_same_effect_as_moving_forward(clear, pair):
     """A front with constant relief equals a front further on."""
     sampler = sampler_of(clear)
     relief = np.full(sampler.relief_basis.shape[1], 0.5)
@@ -79,7 +79,7 @@ def test_relief_moves_a_sample_as_going_on_does(clear, pair):
 
 
 def test_geometry_by_hand(clear, pair):
-    """40 m away 1 m across is 37.5 px, and the disparity of 18.75 px grows as f b / Z^2."""
+    """At 40 m 1 m is 37.5 px wide, and the disparity of 18.75 px grows as f b / Z^2."""
     seen = observe(sampler_of(clear), pair)
     np.testing.assert_allclose(seen.shift_px[:, 1:], 37.5, rtol=1e-3)
     np.testing.assert_allclose(seen.disparity_px, [1500 * 0.5 / 40 ** 2, 0, 0], atol=1e-3)
@@ -90,18 +90,18 @@ def test_geometry_by_hand(clear, pair):
     assert seen.right_m == 0.0 and seen.skew_px == 0.0
 
 
-def test_few_pixels_count_as_few(clear):
+def test_pixel_count_shrinks_with_distance(clear):
     far = np.array([-20.0, 0.0, 1.9])  # 80 m away
     seen = observe(sampler_of(clear), clear.pair(0, 0, far), far)
     assert seen.pixels == pytest.approx(1.8 * 0.8 * (1500 / 80) ** 2, rel=1e-3)
 
 
 @pytest.mark.parametrize('pose', [(20.0, 3.5, 1.9), (20.0, -3.3, 1.9), (20.0, 0.1, -1.5)])
-def test_a_front_not_wholly_in_both_images_is_not_observed(clear, pair, pose):
+def test_front_not_wholly_in_both_images_is_not_observed(clear, pair, pose):
     assert observe(sampler_of(clear), pair, np.array(pose)) is None
 
 
-def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear):
+def test_later_right_view_is_sampled_where_the_front_was_then(clear):
     velocity, lag_ns = np.array([20.0, 0.5, 0.0]), 40_000_000
     late = clear.pair(0, 0, POSE, right_ns=lag_ns, right_pose=POSE + 0.04 * velocity)
     seen = observe(sampler_of(clear), late, velocity_mps=velocity)
@@ -109,14 +109,14 @@ def test_a_right_view_of_a_later_time_is_sampled_where_the_front_was_then(clear)
     agree = [float(np.mean(np.prod(o.patches, axis=0))) for o in (seen, unaware)]
     assert agree[0] > 0.995 and agree[1] < agree[0]
     assert seen.right_m == pytest.approx(0.8) and seen.skew_px == 0.0
-    # Taken for one exposure, the right view may be off by what the front moves meanwhile.
+    # Without the lag the error in the right view is at most the motion during it.
     moved = clear.rig.project(np.array([[0.1, 0.1, 40.0], [0.12, 0.1, 39.2]]))[1]
     assert unaware.right_m == 0.0
     assert unaware.skew_px == pytest.approx(np.linalg.norm(np.diff(moved, axis=0)), rel=0.05)
 
 
 @pytest.mark.parametrize('axis, step_mps', [(0, 5.0), (1, 0.1)])
-def test_what_speeds_change_in_a_later_right_view_is_what_its_own_pose_does(clear, axis, step_mps):
+def test_speed_derivative_of_a_later_right_view_equals_differences(clear, axis, step_mps):
     """Against differences: lag times derivative by the pose; the left view is unaffected."""
     sampler, velocity, lag_s = sampler_of(clear), np.array([20.0, 0.5, 0.0]), 0.04
     late = clear.pair(0, 0, POSE, right_ns=round(lag_s * 1e9),
@@ -132,7 +132,7 @@ def test_what_speeds_change_in_a_later_right_view_is_what_its_own_pose_does(clea
     assert slope @ wanted > 0.95 * np.linalg.norm(slope) * np.linalg.norm(wanted)
 
 
-def test_a_heading_is_seen_as_a_rotated_plane(clear):
+def test_heading_is_observed_as_a_rotated_plane(clear):
     rotated = clear.pair(0, 0, POSE, heading_rad=0.3)
     sampler = sampler_of(clear)
     x, y = (0.94 * (GRID.unit_xy - 0.5) * [1.8, -0.8]).T
@@ -141,7 +141,7 @@ def test_a_heading_is_seen_as_a_rotated_plane(clear):
     assert likeness[1] > 0.97 > likeness[0]
 
 
-def test_change_has_no_part_along_a_constant_or_the_patch_itself():
+def test_normalised_change_is_orthogonal_to_constant_and_patch():
     rng = np.random.default_rng(0)
     patch = rng.normal(size=50)
     patch = (patch - patch.mean()) / patch.std()
@@ -165,7 +165,7 @@ def with_lamp(clear, radius_px):
     return replace(pair, left=views[0], right=views[1])
 
 
-def test_outlines_are_what_a_clipped_lamp_changes_when_it_spreads(clear):
+def test_outline_is_the_change_caused_by_a_spreading_clipped_lamp(clear):
     sampler = sampler_of(clear)
     small, large = (observe(sampler, with_lamp(clear, radius)) for radius in (3.0, 3.5))
     assert not observe(sampler, clear.pair(0, 0, POSE)).outlines.any()  # nothing is clipped

@@ -58,8 +58,8 @@ def found(speeds_mps, std_mps, rate_factor=1.0):
 @pytest.mark.parametrize('speeds_mps', [(20.0, 20.1, 19.2, 18.8), (20.0, 19.2, 18.6, 18.6)])
 @pytest.mark.parametrize('std_mps', [0.05, 1.0])
 @pytest.mark.parametrize('rate_factor', [1.0, 3.0])
-def test_mixture_is_that_of_each_onset_by_itself(speeds_mps, std_mps, rate_factor):
-    """At each pair and twice between two, ended at each later one of these times or not yet."""
+def test_mixture_equals_the_separately_solved_onsets(speeds_mps, std_mps, rate_factor):
+    """At each pair and twice between pairs, ended at any later one of these times or not yet."""
     steady, mixed = found(speeds_mps, std_mps, rate_factor)
     gaps_s = np.array([0.1, 0.1, 0.1, 0.1, 0.05])
     begins_s = TIMES_S[0] + np.append(0.0, np.cumsum(gaps_s))
@@ -93,9 +93,9 @@ def test_newest_speed_is_less_certain_than_without_onsets():
     assert mixed.mean[AT.speeds[3]] == pytest.approx(steady.mean[AT.speeds[3]], abs=0.05)
 
 
-def test_unnoticed_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows():
-    """Exact places and speeds of vehicles that brake by so much since then, solved as any are."""
-    onsets = Onsets(per_s=0.4, lasts_s=1e9, std_mps2=4.0)  # that none is taken to have ended
+def test_unnoticed_change_is_the_error_of_a_solved_braking_vehicle():
+    """Exact positions and speeds of vehicles braking since a given time, solved as usual."""
+    onsets = Onsets(per_s=0.4, lasts_s=1e9, std_mps2=4.0)  # so long that none has ended
     may = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE)
     begins_s = [0.0, 0.1, 0.2, 0.3, 0.4, 0.45]
     newest, left_mps, growing = int(AT.speeds[-1]), [], []
@@ -111,14 +111,14 @@ def test_unnoticed_is_what_is_left_of_each_change_by_the_answer_to_what_it_shows
     known = solved(np.full(COUNT, 20.0), 0.3)
     found = unnoticed(known, may, onsets, newest, 6.0)
     assert found.speed_mps == pytest.approx(left_mps, abs=1e-6)
-    # Nothing of what begins now is known; what began long ago is known in part.
+    # A change that begins now is unknown; one that began long ago is partly known.
     assert found.rate_mps2[5::6] == pytest.approx(growing[5::6])
     assert (found.rate_mps2 <= np.array(growing) + 1e-9).all() and found.rate_mps2[0] < 1.4
     assert found.after(0.0) == pytest.approx(max(left_mps))
     assert found.after(10.0) == pytest.approx(60.0, rel=0.05)
 
 
-def test_where_nobody_may_begin_to_brake_all_of_it_is_unnoticed():
+def test_whole_change_is_unnoticed_where_no_onset_is_expected():
     may, newest = changes(TIMES_S, AT, np.linalg.inv(WAYS), RATE), int(AT.speeds[-1])
     found = unnoticed(solved(np.full(COUNT, 20.0), 0.3), may, Onsets(0.0, 1.5, 1.0), newest, 6.0)
     left_mps = []
@@ -130,7 +130,7 @@ def test_where_nobody_may_begin_to_brake_all_of_it_is_unnoticed():
     assert found.rate_mps2[-6:] == pytest.approx(6.0)
 
 
-def test_of_several_views_the_one_that_notices_least_counts():
+def test_least_sensitive_of_several_views_determines_unnoticed():
     views = [Unnoticed(np.array([mps]), np.array([mps2]))
              for mps, mps2 in ((1.0, 2.0), (0.5, 4.0))]
     both = Unnoticed.any_of(views, 6.0)

@@ -28,7 +28,7 @@ def rig():
 
 
 def found(speeds=(20.0, 20.0, 20.0, 20.0, 20.0), std=0.1, **changes):
-    """Make a pass of one pair a second, its speeds independent and equally uncertain."""
+    """Return a pass of one pair a second, its speeds independent and equally uncertain."""
     n = len(speeds)
     mean = np.zeros((n, 4))
     mean[:, 3] = speeds
@@ -50,7 +50,7 @@ def changed(solved, **changes):
     return replace(solved, posterior=replace(solved.posterior, **changes))
 
 
-def test_speeds_stand_at_their_own_times_when_the_first_observation_does_not_count():
+def test_speeds_keep_their_times_when_the_first_observation_is_left_out():
     late = found((20.0, 21.0, 22.0, 23.0, 24.0), stamps_ns=[k * SECOND for k in (1, 2, 3, 4)])
     result = conclude(late, rig(), TrackerConfig())
     assert result.smoothed == pytest.approx(
@@ -58,7 +58,7 @@ def test_speeds_stand_at_their_own_times_when_the_first_observation_does_not_cou
     assert (result.pairs, result.speed_mps) == (4, pytest.approx(22.5))
 
 
-def test_budget_adds_up_as_by_hand():
+def test_budget_adds_up():
     config = TrackerConfig(focal_std=0.001, baseline_std_m=0.0)
     result = conclude(found(std=0.05), rig(), config)
     whole = 0.05 / np.sqrt(5)  # of the mean of five independent speeds
@@ -73,7 +73,7 @@ def test_budget_adds_up_as_by_hand():
     assert result.smoothed_std[0] == pytest.approx(np.hypot(0.05, 0.02))
 
 
-def test_speed_is_the_mean_over_time_also_where_observations_and_pairs_were_left_out():
+def test_speed_is_the_time_mean_despite_left_out_observations():
     # Observations at 0 and 4 s, pairs at 0, 1, 2 and 4 s; between them the profile is a line, and
     # the pair at 3 s, in which it was hidden, would have shown 17 m/s.
     braking = found(speeds=(20.0, 16.0))
@@ -102,7 +102,7 @@ def test_each_reason_for_rejection(reason, changes):
 
 @pytest.mark.parametrize('reason, column, values', [
     ('off_path', 2, [0.0, 0.2, 0.4, 0.6, 0.8]), ('views_disagree', None, 0.4)])
-def test_rejections_by_the_images(reason, column, values):
+def test_each_image_based_reason_for_rejection(reason, column, values):
     one = found()
     if column is None:
         solved = changed(one.solved, cross_ncc=np.full(5, values))
@@ -113,7 +113,7 @@ def test_rejections_by_the_images(reason, column, values):
     assert conclude(replace(one, solved=solved), rig(), EXACT).reason == reason
 
 
-def test_a_rig_that_is_too_uncertain_measures_nothing():
+def test_pass_of_a_too_uncertain_rig_is_rejected():
     turned = found()
     lane = replace(turned.lane, scale_std=0.004)
     assert conclude(replace(turned, lane=lane), rig(), EXACT).reason == 'rig_uncertain'

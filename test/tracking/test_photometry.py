@@ -27,9 +27,9 @@ def photometry(limits=VisibilityConfig(), **noise):
 
 def linear_observations(rng, count, relief, texture_noise=0.0, lag_s=0.0, gone=None):
     """
-    Make observations of one texture that change linearly with small poses and the relief.
+    Return observations of one texture that change linearly with small poses and the relief.
 
-    :param lag_s: by which the right views are later, if they are.
+    :param lag_s: by which the right views are later, if any.
     :param gone: (count, 3) how much further on these show the front.
     """
     samples, texture = len(BASIS), rng.normal(size=len(BASIS))
@@ -40,7 +40,7 @@ def linear_observations(rng, count, relief, texture_noise=0.0, lag_s=0.0, gone=N
     for pose, further in zip(poses, gone):
         flow = rng.normal(size=(2, 2, 3, samples))
         raw = np.einsum('vipg,ig->vpg', flow, gradient)
-        for part in (np.ones(samples), texture):  # what a patch of unit variance cannot show
+        for part in (np.ones(samples), texture):  # invisible in a patch of unit variance
             share = part * (raw @ part / (part @ part))[..., None]  # (2, 3, G)
             flow -= (gradient / np.square(gradient).sum(axis=0))[:, None] * share[:, None]
         raw = np.einsum('vipg,ig->vpg', flow, gradient)
@@ -66,15 +66,15 @@ def test_equations_find_poses_and_relief_of_a_linear_world():
     solution = np.linalg.lstsq(seen.H, seen.right, rcond=1e-6)[0]
     found, depth = solution[:15].reshape(5, 3), solution[15:]
     np.testing.assert_allclose(found[:, 1:], poses[:, 1:], atol=1e-8)
-    # Relief that stands out everywhere alike is a front further on.  The gains of the patches are
-    # unknown, too, and take a few hundredths of what it changes.
+    # Relief that protrudes evenly is a front further on.  The gains of the patches are
+    # unknown, too, and absorb a few hundredths of the change.
     few = 0.03 * relief.std()
     np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=few)
     np.testing.assert_allclose(
         found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=few)
 
 
-def test_equations_find_the_speeds_of_a_linear_world_whose_views_are_exposed_apart():
+def test_equations_find_the_speeds_of_views_exposed_apart():
     """Along the path, across it by slopes of parabolas, and off the epipolar line."""
     rng, lag_s = np.random.default_rng(4), 0.5
     speeds, lines_px = 1e-5 * rng.normal(size=(2, 5))
@@ -92,7 +92,7 @@ def test_equations_find_the_speeds_of_a_linear_world_whose_views_are_exposed_apa
     np.testing.assert_allclose(solution[-5:], lines_px, atol=few)
 
 
-def test_views_of_one_exposure_tell_nothing_of_speeds():
+def test_views_of_one_exposure_have_no_information_on_speeds():
     """As in the equations without speeds, except that two views are better than their mean."""
     observations, _ = linear_observations(np.random.default_rng(4), 5, FLAT, 0.02)
     alone, apart = photometry()(observations), photometry()(observations, rates_per_s=np.eye(5))
@@ -101,8 +101,8 @@ def test_views_of_one_exposure_tell_nothing_of_speeds():
     np.testing.assert_allclose(np.diag(apart.H)[poses], np.diag(alone.H)[poses], rtol=0.2)
 
 
-def test_scatter_is_an_unknown_of_each_observation_that_is_eliminated():
-    """Beside the same equations with these unknowns in them, for poses and relief of any value."""
+def test_eliminated_scatter_equals_an_explicit_unknown():
+    """Against the same equations with these unknowns included, for any poses and relief."""
     observations, _ = linear_observations(np.random.default_rng(4), 5, FLAT, 0.1)
     per_px, std_px = np.linspace(0.5, 3.0, 5), 0.07
     placed = [replace(o, pose=np.array([0.1 * k, 0.2, 0.0]), disparity_px=np.full(3, px))
@@ -112,7 +112,7 @@ def test_scatter_is_an_unknown_of_each_observation_that_is_eliminated():
     whole = np.zeros((size + 5, size + 5))
     whole[:size, :size], whole[size:, :size] = seen.H, seen.along
     whole[:size, size:] = seen.along.T
-    # An observation whose disparity is off by so much tells a place that is off by so much.
+    # An error of the disparity moves the position in proportion.
     whole[size:, size:] = np.diag(seen.own_m + per_px ** 2 / std_px ** 2)
     right = np.concatenate([seen.right, seen.along_right])
     said = seen.scattered(std_px)
@@ -127,13 +127,13 @@ def test_scatter_is_an_unknown_of_each_observation_that_is_eliminated():
         assert density == pytest.approx(plain + free, rel=1e-9, abs=1e-6)
 
 
-def test_no_more_scatter_changes_nothing():
+def test_zero_additional_scatter_changes_nothing():
     observations, _ = linear_observations(np.random.default_rng(4), 3, FLAT, 0.1)
     seen = photometry()(observations)
     assert seen.scattered(0.0).H is seen.H and seen.scattered(0.0).log_density == 0
 
 
-def test_scatters_double_and_the_usual_one_counts_like_pairs():
+def test_scatters_double_and_the_usual_one_weighs_like_pairs():
     """By hand: sigma^-p exp(-p / 2 sigma^2) at 1, 2 and 4 times the usual sigma, for p = 2."""
     known = scatters_px(NoiseConfig(match_floor_px=0.1, match_floor_pairs=2.0, scatter_levels=3))
     wanted = np.exp([-1, -0.25, -1 / 16]) / [1, 4, 16]
@@ -142,7 +142,7 @@ def test_scatters_double_and_the_usual_one_counts_like_pairs():
     assert scatters_px(NoiseConfig(match_floor_px=0.0)) == [(0.0, 1.0)]
 
 
-def test_what_is_not_yet_in_place_is_no_outlier():
+def test_misplaced_observation_is_no_outlier():
     """If large differences were down-weighted, a wrong position would persist."""
     observations, _ = linear_observations(np.random.default_rng(4), 4, FLAT, 0.02)
     moved = [*observations[:3], replace(observations[3], patches=observations[3].patches
@@ -152,7 +152,8 @@ def test_what_is_not_yet_in_place_is_no_outlier():
     assert information[1] > 0.3 * information[0]
 
 
-def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
+def test_equations_do_not_depend_on_the_point_of_linearisation():
+    """The relief at which they were linearised makes no difference."""
     rng = np.random.default_rng(4)
     relief = rng.normal(0, 0.05, NODES)
     observations, _ = linear_observations(rng, 4, relief, 0.1)
@@ -168,7 +169,7 @@ def test_equations_do_not_depend_on_the_relief_they_were_linearised_at():
     np.testing.assert_allclose(answers[0], answers[1], atol=0.02)
 
 
-def test_a_highlight_that_slides_over_the_front_does_not_drag_it_along():
+def test_highlight_sliding_over_the_front_does_not_bias_the_poses():
     """A tenth of each patch shows something else each time; the poses are found nevertheless."""
     rng = np.random.default_rng(11)
     errors = []
@@ -189,7 +190,7 @@ def test_a_highlight_that_slides_over_the_front_does_not_drag_it_along():
     assert weighed < 1.5 * clear < 0.3 * counted_alike
 
 
-def test_observations_that_do_not_count_say_nothing_to_the_others():
+def test_uncounted_observations_do_not_affect_the_others():
     rng = np.random.default_rng(7)
     observations, _ = linear_observations(rng, 4, FLAT, 0.1)
     noise = rng.normal(size=observations[1].patches.shape)
@@ -204,7 +205,7 @@ def test_observations_that_do_not_count_say_nothing_to_the_others():
     np.testing.assert_allclose(seen.cross_ncc[kept], alone.cross_ncc)
 
 
-def test_the_same_observations_give_the_same_equations_again():
+def test_same_observations_give_the_same_equations():
     rng = np.random.default_rng(8)
     observations, _ = linear_observations(rng, 3, FLAT, 0.1)
     written = photometry()
@@ -216,7 +217,7 @@ def test_the_same_observations_give_the_same_equations_again():
 
 
 def test_information_grows_with_the_share_of_independent_samples():
-    """Without floors it is proportional to it."""
+    """Without floors it is proportional to the share."""
     observations, _ = linear_observations(np.random.default_rng(9), 3, FLAT, 0.1)
     some, twice = (photometry(independent_share=share, match_floor_px=0.0, texture_floor_px=0.0)(
         observations).H for share in (0.2, 0.4))
@@ -226,12 +227,12 @@ def test_information_grows_with_the_share_of_independent_samples():
 @pytest.mark.parametrize('floor, other, row, share', [
     ('match_floor_px', 'texture_floor_px', 0, 1.0),
     ('texture_floor_px', 'match_floor_px', 1, 0.75)])
-def test_no_observation_is_believed_beyond_its_floor(floor, other, row, share):
+def test_information_of_one_observation_is_limited_by_its_floor(floor, other, row, share):
     """
-    The 1-sigma by one observation is the floor, however many its samples are.
+    The 1-sigma of one observation is the floor, however many samples it has.
 
     ``disparity_px`` and ``shift_px`` are 1 px/m here, so that a pixel is a metre.  The texture is
-    the mean of four patches with independent derivatives, and takes a quarter of what they say.
+    the mean of four patches with independent derivatives, and gets a quarter of their information.
     """
     observations, _ = linear_observations(np.random.default_rng(10), 2, FLAT, 0.01)
     information = []
@@ -251,8 +252,8 @@ def seen_with(cross, texture, **limits):
 @pytest.mark.parametrize('cross, unoccluded', [
     ((0.99, 0.98, 0.93, 0.92, 0.4), (1, 1, 1, 0, 0)),
     ((0.9, 0.9, 0.9, 0.68, 0.6), (1, 1, 1, 1, 0))])
-def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unoccluded):
-    """A lack of 0.03, and three times that of the best: 0.03 + 3 * 0.014 or 0.03 + 3 * 0.1."""
+def test_partly_occluded_observations_differ_from_noisy_ones(cross, unoccluded):
+    """The limit is 0.03 plus three times the best: 0.03 + 3 * 0.014 or 0.03 + 3 * 0.1."""
     wanted = np.array(unoccluded, bool)
     np.testing.assert_array_equal(seen_with(cross, (0.99,) * 5).unoccluded, wanted)
     # The texture's lack is judged in the same way while the views lack a little, too.
@@ -261,13 +262,13 @@ def test_observations_occluded_in_part_are_told_from_noisy_ones(cross, unocclude
 
 
 @pytest.mark.parametrize('cross, agree', [(0.96, True), (0.95, False), (0.4, False)])
-def test_the_views_of_one_more_pair_agree_as_the_best_do(cross, agree):
-    """They lack three times the 0.014 of the best at most."""
+def test_views_of_another_pair_agree_within_the_limit_of_the_best(cross, agree):
+    """They lack at most three times the 0.014 of the best."""
     assert views_agree(cross, np.array([0.99, 0.98, 0.95, 0.95, 0.4]), VisibilityConfig()) == agree
-    assert not views_agree(0.49, np.full(5, 0.5), VisibilityConfig())  # it is not the vehicle
+    assert not views_agree(0.49, np.full(5, 0.5), VisibilityConfig())  # another object
 
 
-def test_light_that_changes_occludes_nothing():
+def test_changing_light_is_no_occlusion():
     """The views still agree, so no post is in front of the front."""
     views, texture = (0.99, 0.98, 0.99, 0.98, 0.99), (0.99, 0.99, 0.9, 0.7, 0.6)
     assert seen_with(views, texture).unoccluded.all()
@@ -279,13 +280,13 @@ def test_light_that_changes_occludes_nothing():
     ({'occlusion_best_share': 1.0}, (1, 1, 1)),
     ({'occlusion_deficit': 0.2, 'least_ncc': 0.9}, (1, 1, 0))])
 def test_each_limit_of_occlusion_counts(limits, unoccluded):
-    """Of lacks of 0.01, 0.09 and 0.2; by default 0.03 + 3 * 0.026 are allowed."""
+    """Lacks of 0.01, 0.09 and 0.2; by default 0.03 + 3 * 0.026 is allowed."""
     found = seen_with((0.99, 0.91, 0.8), (1.0, 1.0, 1.0), **limits)
     np.testing.assert_array_equal(found.unoccluded, np.array(unoccluded, bool))
     np.testing.assert_array_equal(seen_with((0.99, 0.91, 0.8), (1.0,) * 3).unoccluded,
                                   [True, True, False])
 
 
-def test_what_agrees_too_little_is_not_the_vehicle():
+def test_observation_with_too_little_agreement_is_not_seen():
     found = seen_with((0.9, 0.49, 0.9), (0.9, 0.9, 0.49))
     np.testing.assert_array_equal(found.seen, [True, False, False])

@@ -24,7 +24,7 @@ def test_basis_interpolates_its_nodes_and_sums_to_one():
 
 
 @pytest.mark.parametrize('dense', [False, True])
-def test_sums_over_samples_are_those_of_matrices(dense):
+def test_sums_over_samples_equal_matrix_products(dense):
     rng = np.random.default_rng(1)
     basis = rng.standard_normal((5, 70)) if dense else np.ascontiguousarray(
         relief_basis(rng.uniform(0, 1, (70, 2))).T)
@@ -33,15 +33,15 @@ def test_sums_over_samples_are_those_of_matrices(dense):
                                atol=1e-12)
 
 
-def test_a_node_is_held_the_less_the_further_it_lies_off_the_plane():
+def test_node_prior_weakens_with_distance_from_the_plane():
     """By hand, with 2 degrees of freedom: 3 / (2 + 1), 3 / (2 + 100)."""
     np.testing.assert_allclose(node_weights(0.04 ** 2 * np.array([1.0, 100.0]), 0.04, 2.0),
                                [1, 3 / 102])
     np.testing.assert_allclose(node_weights(np.array([0.0, 1.0]), 0.04, 1e9), 1.0, atol=1e-5)
 
 
-def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plane():
-    """Each node by itself, seen to 5 cm: one 0.7 m behind, one nearly in the plane, one unseen."""
+def test_relief_far_behind_the_plane_is_found_node_by_node():
+    """Each node is seen to 5 cm: one 0.7 m behind, one nearly in the plane, one unseen."""
     seen_m, information = np.array([-0.7, 0.03, 0.0]), np.array([400.0, 400.0, 0.0])
     weights = np.ones(3)
     for _ in range(20):
@@ -52,7 +52,7 @@ def test_what_is_seen_far_behind_is_found_there_and_the_rest_stays_near_the_plan
     assert weights[2] == pytest.approx(1.0)  # unseen parts are unchanged
 
 
-def test_variances_of_the_relief_are_those_of_poses_and_relief_together():
+def test_relief_variances_equal_the_joint_inverse():
     """Against the inverse of the joint information."""
     root = np.random.default_rng(2).standard_normal((9, 9))
     whole = root @ root.T + np.eye(9)
@@ -64,14 +64,14 @@ def test_variances_of_the_relief_are_those_of_poses_and_relief_together():
 
 
 @pytest.mark.slow
-def test_fronts_with_relief_are_measured_within_their_sigma_and_better_than_as_planes(drive):
+def test_fronts_with_relief_are_measured_better_than_as_planes(drive):
     squares = {0.04: 0.0, 0.0001: 0.0}
     for seed in range(4):
         sequence = simulate(
             replace(straight_config('55 mph'), vehicles=(VehicleConfig(relief_m=0.15),)),
             np.random.default_rng(seed))
         for std_m in squares:
-            # A plane is so far off that the second estimate would reject it.
+            # The error of a plane is so large that the second estimate would reject it.
             config = TrackerConfig(noise=NoiseConfig(relief_std_m=std_m),
                                    second=SecondConfig(enabled=False))
             _, (result,) = drive(sequence, config=config)

@@ -34,7 +34,7 @@ def seen(textured, left_px, right_px, noise=NoiseConfig()):
 
 
 @pytest.mark.parametrize(('left_px', 'right_px'), [(0.0, 1.0), (0.0, 2.0), (1.5, 0.0)])
-def test_the_sharper_view_is_to_be_blurred_by_as_much(textured, left_px, right_px):
+def test_sharper_view_is_blurred_to_match_the_other(textured, left_px, right_px):
     found, sampler, pair = seen(textured, left_px, right_px)
     assert found == pytest.approx((right_px, left_px), abs=0.25)
 
@@ -49,13 +49,13 @@ def test_the_sharper_view_is_to_be_blurred_by_as_much(textured, left_px, right_p
     ((2.0, 0.0), 1.0, (2.0, 0.0)), ((2.0, 0.0), 4.0, (4.0, math.sqrt(12))),
     ((0.0, 1.5), 4.0, (math.sqrt(6.75), 3.0)), ((2.0, 0.0), 0.25, (2.0, 0.0)),
     ((0.0, 0.0), 4.0, (0.0, 0.0))])
-def test_a_front_twice_as_high_and_wide_is_blurred_twice_as_far(blur_px, growth, wanted):
+def test_blur_scales_with_the_size_of_the_front(blur_px, growth, wanted):
     """By hand: 4 px in the sharp view; the other has 2 px, and sqrt(16 - 4) more make it 4."""
     assert grown_blurs_px(blur_px, growth) == pytest.approx(wanted)
 
 
-def test_a_front_out_of_focus_looks_near_as_it_did_far_away(textured):
-    """What is blurred by 2 px all the way is less so beside its size from half as far."""
+def test_defocused_front_looks_alike_near_and_far(textured):
+    """A constant 2 px blur is smaller relative to the front at half the distance."""
     sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
                                  GRID.unit_xy, GRID.shape)
     near, still = POSE + [20.0, 0, 0], np.zeros(3)
@@ -78,15 +78,15 @@ def blurred_right(pair):
 
 
 @pytest.mark.parametrize('blur_px', [0.0, 1.5])
-def test_views_alike_stay_as_they_are(textured, blur_px):
+def test_equally_sharp_views_stay_unchanged(textured, blur_px):
     assert seen(textured, blur_px, blur_px)[0] == (0.0, 0.0)
 
 
-def test_it_can_be_left_alone(textured):
+def test_blurring_can_be_disabled(textured):
     assert seen(textured, 0.0, 2.0, NoiseConfig(sharpness_sigmas=1000.0))[0] == (0.0, 0.0)
 
 
-def test_a_front_out_of_view_has_no_patches(textured):
+def test_front_out_of_view_has_no_patches(textured):
     _, sampler, pair = seen(textured, 0.0, 0.0)
     assert sampler.blurred_patches(pair, POSE + [500.0, 0, 0], STILL,
                                    trial_blurs_px(NoiseConfig())) is None

@@ -39,7 +39,7 @@ def view(x_m, stands, ahead_m=0.0):
     if stands:
         far_m = FAR_M - ahead_m
         grey = waves(x_m + across * far_m, down * far_m)
-    else:  # of what lies there, one wave is as long as it looks at the front's depth
+    else:  # waves on the road look as long as at the front's depth
         far_m = HIGH_M / down
         grey = waves(x_m + across * far_m, (far_m + ahead_m) / 6)
     noise = np.random.default_rng(round(10 * x_m)).normal(0, 1, grey.shape)
@@ -60,12 +60,12 @@ def seen(stands, lag_ns=0, speed_mps=0.0, lane=LANE, **changes):
 
 @pytest.mark.parametrize('lag_ns', [0, LAG_NS])
 @pytest.mark.parametrize('stands', [False, True])
-def test_what_stands_is_told_from_what_lies(stands, lag_ns):
+def test_upright_fronts_are_separated_from_flat_markings(stands, lag_ns):
     found = seen(stands, lag_ns, 30.0)
     assert found.lies is not stands and abs(found.evidence) > 1.0
 
 
-def test_the_road_may_be_a_little_higher_than_its_path_says():
+def test_small_error_of_the_road_height_is_tolerated():
     """An unknown 3 cm do not make a shadow upright."""
     raised = LanePath('lane', StraightPath([0, HIGH_M + 0.03, LONG_M], [0, 0, -1.0], 60.0), None,
                       np.zeros(2), 0.0)
@@ -74,7 +74,7 @@ def test_the_road_may_be_a_little_higher_than_its_path_says():
 
 @pytest.mark.parametrize('changes', [
     {'left': np.full((240, 320), 90, np.uint8)}, {'right': np.full((240, 320), 90, np.uint8)}])
-def test_what_shows_nothing_tells_nothing(changes):
+def test_texture_free_pair_has_no_evidence(changes):
     found = seen(True, **changes)
     assert found.evidence == pytest.approx(0.0, abs=1e-12) and not found.lies
 
@@ -86,7 +86,7 @@ def test_evidence_by_hand():
     assert 1.0 < seen(True).evidence < math.log(2.005 / 0.005)
 
 
-def test_the_evidence_of_pairs_adds_up():
+def test_evidence_of_pairs_adds_up():
     one = seen(True)
     twice = one.evidence
     pair = StereoPair(0, 0, 0, view(0.0, False), view(BASELINE_M, False))
@@ -97,7 +97,7 @@ def test_the_evidence_of_pairs_adds_up():
     assert one.evidence == pytest.approx(twice + seen(False).evidence)
 
 
-def test_what_is_not_in_view_tells_nothing():
+def test_front_out_of_view_has_no_evidence():
     upright = seen(True)
     before = upright.evidence
     corners_m = MIDDLE_M + [6.0, 0.0, 0.0] + np.column_stack([SIDES_M, np.zeros(4)])
@@ -107,7 +107,7 @@ def test_what_is_not_in_view_tells_nothing():
     assert upright.evidence == before
 
 
-def test_what_hardly_tells_either_is_not_taken_to_lie():
+def test_weak_evidence_is_not_taken_for_a_flat_marking():
     """With noise in both views the road may agree slightly better, but not by odds of 20 to 1."""
     rng = np.random.default_rng(4)
     found = [seen(True, left=rng.integers(0, 256, (240, 320), np.uint8),

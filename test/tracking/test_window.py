@@ -25,7 +25,7 @@ SECOND = 1_000_000_000
 
 
 def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler):
-    """Return a window of a pass whose first front was placed 0.7 m wrong along its ray."""
+    """Return a window of a pass whose first front was placed 0.7 m off along its ray."""
     sampler = sampler(
         textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape)
     range_m = 60 - pose[0]
@@ -57,9 +57,8 @@ def chi_square(posterior, k, truth):
     return float((mean - truth) @ np.linalg.solve(covariance, mean - truth))
 
 
-def test_poses_and_speed_are_within_their_covariance_from_the_third_pair_on(
-        textured_drive, steady):
-    """The error of four numbers over its covariance: a chi-square, at the level of 0.1 %."""
+def test_poses_and_speed_are_within_covariance_from_the_third_pair(textured_drive, steady):
+    """Four errors over their covariance are a chi-square, at the level of 0.1 %."""
     _, posteriors = steady
     for k, (posterior, pose) in enumerate(zip(posteriors, textured_drive[1])):
         assert posterior.seen.all() and posterior.unoccluded.all()
@@ -68,13 +67,13 @@ def test_poses_and_speed_are_within_their_covariance_from_the_third_pair_on(
     assert stds[-1] < 0.2 < stds[0] and posteriors[-1].mean.shape == (12, 4)
 
 
-def test_the_solved_pass_holds_the_truth_and_its_budget_is_ordered(steady):
+def test_solved_pass_contains_the_truth_and_its_budget_is_ordered(steady):
     solved = steady[0].solve_pass()
     posterior = solved.posterior
     speeds = posterior.covariance[3::4, 3::4]
     mean, std = posterior.mean[:, 3].mean(), np.sqrt(speeds.mean())
     assert abs(mean - MPS) < stats.norm.ppf(0.9995) * std and std < 0.1
-    # Each better instrument leaves less: exact stamps, and an exact path as well.
+    # Each improvement leaves less: exact stamps, then an exact path too.
     for more, less in ((speeds, solved.exact_stamps), (solved.exact_stamps, solved.exact_path)):
         assert more.mean() > less.mean() > 0
     assert solved.occluded_ns == frozenset()
@@ -82,7 +81,7 @@ def test_the_solved_pass_holds_the_truth_and_its_budget_is_ordered(steady):
         posterior.mean[:, 3], posterior.lateral_mps))
 
 
-def test_solving_the_pass_changes_nothing(textured, textured_drive, steady):
+def test_solving_the_pass_does_not_change_the_window(textured, textured_drive, steady):
     pairs, poses = textured_drive
     asked, silent = (window_of(textured, poses[0]) for _ in range(2))
     for k, (pair, pose) in enumerate(zip(pairs[:6], poses)):
@@ -97,7 +96,7 @@ def test_solving_the_pass_changes_nothing(textured, textured_drive, steady):
 @pytest.mark.parametrize('off_px', [
     [0.15] + [0.0] * 11,  # the first pair alone
     [0.15, -0.1, 0.1, 0.05, -0.15, 0.1, -0.05, 0.0, 0.1, -0.1, 0.05, -0.1]])
-def test_disparities_that_are_off_are_no_braking_and_no_climbing(textured, textured_drive, off_px):
+def test_disparity_errors_are_not_taken_for_braking_or_climbing(textured, textured_drive, off_px):
     """A twentieth of a pixel is 1 m along the path at 60 m; image rows determine it better."""
     _, poses = textured_drive
     ranges_m = textured.far_m - poses[:, 0]
@@ -112,8 +111,8 @@ def test_disparities_that_are_off_are_no_braking_and_no_climbing(textured, textu
 
 
 @pytest.mark.parametrize('noise', [1.0, 4.0])
-def test_what_is_known_of_the_speed_does_not_depend_on_where_a_pair_was_guessed(textured, noise):
-    """What observations far from their place say of the scatter counts no more, once in place."""
+def test_speed_uncertainty_does_not_depend_on_the_initial_guess(textured, noise):
+    """Residuals at a wrong position no longer affect the scatter once it is corrected."""
     front = replace(textured, noise=noise)
     pairs, poses = front.drive(7, 5.0, 30.0)
     near, far = (window_of(front, poses[0]) for _ in range(2))
@@ -127,7 +126,7 @@ def test_what_is_known_of_the_speed_does_not_depend_on_where_a_pair_was_guessed(
         assert abs(one[0][3] - other[0][3]) < 0.5 * std
 
 
-def test_hard_braking_is_followed_within_its_sigma(textured):
+def test_hard_braking_is_within_its_sigma(textured):
     """6 m/s^2 from the seventh pair on."""
     times_s = np.arange(14) / 10
     braked_s = np.maximum(times_s - 0.6, 0.0)
@@ -142,12 +141,12 @@ def test_hard_braking_is_followed_within_its_sigma(textured):
 
 
 @pytest.mark.parametrize('fps, parts', [(5.0, 15), (10.0, 20)])
-def test_braking_that_has_lasted_for_a_while_is_known(textured, fps, parts):
+def test_sustained_braking_is_measured(textured, fps, parts):
     """
-    A steady speed until an onset seems out of the question before the onset is put in.
+    Before the onset is modelled a steady speed until it seems nearly impossible.
 
-    The loss is known to a twentieth, and to a fifteenth where two pairs after it, 0.2 s apart, it
-    may also have begun between pairs, or have ended again.
+    The speed loss is known to a twentieth; to a fifteenth where pairs are 0.2 s apart, so that
+    braking may also have begun between pairs, or have ended again.
     """
     began_s, until_s, braking = 0.6 if fps == 10 else 0.8, 1.2, 6.0
     times_s = np.arange(0.0, until_s + 1e-9, 1 / fps)
@@ -164,14 +163,14 @@ def test_braking_that_has_lasted_for_a_while_is_known(textured, fps, parts):
 
 
 def ahead_by_hand(states, after_s, gap_s, lateral_mps):
-    """Return s, a, b, v after the last of two states (8,) at an even acceleration."""
+    """Return s, a, b, v extrapolated from the last of two states (8,) at an even acceleration."""
     (_, _, _, v_before), (s, a, b, v) = states.reshape(2, 4)
     gain = (v - v_before) / gap_s
     return np.array([s + v * after_s + gain * after_s ** 2 / 2, a + lateral_mps * after_s, b,
                      v + gain * after_s])
 
 
-def test_between_solutions_a_vehicle_goes_on_as_it_went():
+def test_state_is_extrapolated_between_solutions():
     """From 20 to 19 m/s in 0.1 s, hence 18.5 m/s after 0.05 s more; the speed is a random walk."""
     rng, config = np.random.default_rng(3), TrackerConfig()
     mean = np.array([[1.0, 0.2, 0.1, 21.0], [3.0, 0.2, 0.1, 20.0], [5.0, 0.3, 0.0, 19.0]])
@@ -183,14 +182,14 @@ def test_between_solutions_a_vehicle_goes_on_as_it_went():
     by = np.array([ahead_by_hand(mean[1:].ravel() + step, 0.05, 0.1, 0.4) - at
                    for step in np.eye(8)]).T  # it is linear
     strays = covariance - by @ posterior.covariance[4:, 4:] @ by.T
-    # Brownian motion of 0.5 m/s/sqrt(s) in the speed, and what it makes of the way.
+    # Brownian motion of 0.5 m/s/sqrt(s) in the speed, integrated for the distance.
     np.testing.assert_allclose(np.diag(strays), np.array([
         0.25 * 0.05 ** 2 / 3, config.drift_across_std_m ** 2, config.drift_up_std_m ** 2, 0.25]
     ) * 0.05)
     np.testing.assert_allclose([strays[0, 3], strays[3, 0]], 0.25 * 0.05 ** 2 / 2)
 
 
-def test_a_pair_that_is_kept_counts_when_the_next_one_is_solved_for(textured, textured_drive):
+def test_kept_pairs_count_in_the_next_solution(textured, textured_drive):
     pairs, poses = textured_drive
     window = window_of(textured, poses[0])
     last = feed(window, pairs[:6], poses)[-1]
@@ -203,7 +202,7 @@ def test_a_pair_that_is_kept_counts_when_the_next_one_is_solved_for(textured, te
     assert len(window.solve_pass().posterior.mean) == 9
 
 
-def test_a_pair_that_shows_less_is_not_kept(textured, textured_drive):
+def test_pair_with_weaker_agreement_is_not_kept(textured, textured_drive):
     pairs, poses = textured_drive
     window = window_of(textured, poses[0])
     feed(window, pairs[:6], poses)
@@ -215,7 +214,7 @@ def test_a_pair_that_shows_less_is_not_kept(textured, textured_drive):
 
 
 def behind_a_post(pair, share=0.35):
-    """Return a pair with a striped post before a share of the front's image, from the left."""
+    """Return a pair in which a striped post hides a share of the front, from the left."""
     images = []
     for image in (pair.left, pair.right):
         columns = np.flatnonzero(image.std(axis=0) > 60)
@@ -226,7 +225,7 @@ def behind_a_post(pair, share=0.35):
     return replace(pair, left=images[0], right=images[1])
 
 
-def test_an_occluded_observation_leads_but_leaves_no_trace(textured, textured_drive):
+def test_occluded_observation_is_left_out_of_later_solutions(textured, textured_drive):
     pairs, poses = textured_drive
     with_post, without = (window_of(textured, poses[0]) for _ in range(2))
     for window in (with_post, without):
@@ -244,7 +243,7 @@ def test_an_occluded_observation_leads_but_leaves_no_trace(textured, textured_dr
 
 
 @pytest.mark.parametrize('hidden', [1, 2])
-def test_where_the_first_pairs_do_not_show_the_front_they_say_nothing_of_its_place(
+def test_first_pairs_that_do_not_show_the_front_do_not_affect_its_position(
         textured, textured_drive, hidden):
     """The object that half hid it at detection placed it 1.5 m too far away, and aside."""
     pairs, poses = textured_drive
@@ -267,7 +266,7 @@ def test_where_the_first_pairs_do_not_show_the_front_they_say_nothing_of_its_pla
     assert (np.abs(speeds - MPS) < 4 * np.sqrt(np.diag(covariance))).all()
 
 
-def test_what_is_not_the_vehicle_is_not_seen(textured, textured_drive):
+def test_another_object_is_not_seen_as_the_vehicle(textured, textured_drive):
     pairs, poses = textured_drive
     window = window_of(textured, poses[0])
     feed(window, pairs[:4], poses)
@@ -283,7 +282,7 @@ def effort(live, whole):
 
 
 @pytest.mark.parametrize('live, whole', [(4, 4), (4, 5), (5, 9), (12, 12)])
-def test_inactive_keyframes_are_recalled_as_far_as_wanted(textured, textured_drive, live, whole):
+def test_inactive_keyframes_are_recalled_up_to_the_limit(textured, textured_drive, live, whole):
     pairs, poses = textured_drive
     window = window_of(textured, poses[0], effort(live, whole))
     posteriors = feed(window, pairs, poses)
@@ -299,14 +298,14 @@ def test_inactive_keyframes_are_recalled_as_far_as_wanted(textured, textured_dri
         assert chi_square(solved, k, truth) < stats.chi2.ppf(0.9999, 4)
 
 
-def test_a_pass_of_fewer_observations_than_a_reading_is_refused():
+def test_pass_with_fewer_observations_than_a_reading_is_refused():
     with pytest.raises(InputError, match='pass_observations.*at least live_observations, 24'):
         EffortConfig(pass_observations=23)
     assert EffortConfig(pass_observations=24).live_observations == 24
 
 
 def changing_lanes(textured, fps=10.0, lasts_s=1.6):
-    """Return pairs of a vehicle that moves 1.6 m to the left, pointing where it drives."""
+    """Return pairs of a vehicle that moves 1.6 m to the left, heading where it drives."""
     times = np.arange(18) / fps
     part = np.clip((times - 0.1) / lasts_s, 0, 1)
     offset = 1.6 * part ** 3 * (10 - 15 * part + 6 * part ** 2) - 0.8
@@ -318,7 +317,7 @@ def changing_lanes(textured, fps=10.0, lasts_s=1.6):
     return pairs, poses, rates, headings
 
 
-def test_a_change_of_lanes_gives_a_heading_and_keeping_the_lane_none(textured, steady):
+def test_lane_change_gives_a_heading_and_lane_keeping_none(textured, steady):
     pairs, poses, rates, headings = changing_lanes(textured)
     posterior = feed(window_of(textured, poses[0]), pairs, poses)[-1]
     inner = slice(4, -4)
@@ -330,7 +329,7 @@ def test_a_change_of_lanes_gives_a_heading_and_keeping_the_lane_none(textured, s
     assert np.abs(kept).max() < 0.001
 
 
-def test_the_evidence_follows_braking_that_a_cruising_vehicle_alone_would_smooth(textured):
+def test_evidence_follows_braking_that_a_cruising_model_would_smooth(textured):
     """From 20 m/s by 6 m/s^2 after 0.4 s; a configuration without that model lags behind."""
     times = np.arange(14) / 10
     late = np.maximum(times - 0.4, 0)
@@ -350,7 +349,7 @@ def test_the_evidence_follows_braking_that_a_cruising_vehicle_alone_would_smooth
 
 
 def exposed_apart(textured, lags_s, across_mps=0.0, height_m=1.9, off_rows=0):
-    """Return pairs, 10 a second, whose right views are later by these lags, and their poses."""
+    """Return pairs, 10 a second, with right views later by these lags, and their poses."""
     times = np.arange(len(lags_s)) / 10
     rates = np.array([MPS, across_mps, 0.0])
     poses = np.array([6.0, 0.1 - across_mps * times.mean(), height_m]) + np.outer(times, rates)
@@ -362,7 +361,7 @@ def exposed_apart(textured, lags_s, across_mps=0.0, height_m=1.9, off_rows=0):
 
 @pytest.mark.parametrize('lags_s', [
     [0.03] * 8, [-0.03] * 8, [0.0, 0.03] * 4, [0.03] + [0.0] * 7, [0.0] * 7 + [-0.03]])
-def test_the_lag_of_the_right_view_is_part_of_the_problem(textured, lags_s):
+def test_lag_of_the_right_view_is_modelled(textured, lags_s):
     """In all pairs or in some, later or earlier than the left view."""
     lag_s = 0.03
     pairs, poses = exposed_apart(textured, lags_s)
@@ -373,7 +372,7 @@ def test_the_lag_of_the_right_view_is_part_of_the_problem(textured, lags_s):
     assert error[0] ** 2 < (0.1 * MPS * lag_s) ** 2  # a tenth of what the lag would cost
 
 
-def test_so_is_the_way_across_the_path_meanwhile(textured):
+def test_lateral_motion_during_the_lag_is_modelled(textured):
     """In 40 ms at 1.5 m/s that is 6 cm: a disparity of 2 px, and 4 m along the path at 50 m."""
     pairs, poses = exposed_apart(textured, [0.04] * 8, across_mps=1.5)
     window = window_of(textured, poses[0])
@@ -383,7 +382,7 @@ def test_so_is_the_way_across_the_path_meanwhile(textured):
             assert chi_square(posterior, k, np.append(pose, MPS)) < stats.chi2.ppf(0.9999, 4), k
 
 
-def test_a_right_view_off_its_line_tells_nothing_of_the_speed(textured):
+def test_right_view_off_its_epipolar_line_has_no_speed_information(textured):
     """In 30 ms a front 2 m below the cameras moves down 1 px: a row is its only information."""
     speeds = []
     for off_rows in (0, 1):
@@ -394,15 +393,15 @@ def test_a_right_view_off_its_line_tells_nothing_of_the_speed(textured):
 
 
 def first_gain(textured, pair, pose):
-    """Return by how much the likeliest difference of blur beats none in one pair, logarithms."""
+    """Return the log evidence that one pair gives for its likeliest blur difference over none."""
     window, noise = window_of(textured, pose), NoiseConfig()
     said = blur_log_likelihoods(
         *window.sampler.blurred_patches(pair, pose, np.zeros(3), trial_blurs_px(noise)), noise)
     return float(said.max() - said[len(said) // 2])
 
 
-def test_what_one_pair_leaves_open_of_the_focus_the_next_ones_tell(textured, textured_drive):
-    """The limit lies above what the first pair tells and below what two do."""
+def test_later_pairs_decide_the_focus_that_one_pair_leaves_open(textured, textured_drive):
+    """The limit lies above the evidence of the first pair and below that of two."""
     pairs, poses = textured_drive
     pairs = [replace(p, right=cv2.GaussianBlur(p.right, (0, 0), 1.5)) for p in pairs]
     sigmas = float(np.sqrt(2 * 1.4 * first_gain(textured, pairs[0], poses[0])))
@@ -419,12 +418,12 @@ def test_what_one_pair_leaves_open_of_the_focus_the_next_ones_tell(textured, tex
     assert speeds[0] == pytest.approx(speeds[1], abs=0.02)
 
 
-def test_views_as_sharp_as_each_other_stay_as_they_are_all_the_way(steady):
+def test_equally_sharp_views_are_never_blurred(steady):
     assert steady[0].sampler.blur_px == (0.0, 0.0)
 
 
 @pytest.mark.slow
-def test_what_equal_blurs_change_of_a_pass_is_in_doubt(textured, textured_drive):
+def test_change_due_to_equal_blurs_is_in_the_doubt(textured, textured_drive):
     """By a share of the change: half the share, a quarter of the variance, and the same speeds."""
     pairs, poses = textured_drive
     out_of_focus = [replace(p, right=cv2.GaussianBlur(p.right, (0, 0), 2.0)) for p in pairs]
@@ -488,7 +487,7 @@ def doubt_of_speeds(textured, drive, sampler):
 
 
 @pytest.mark.slow
-def test_a_pair_that_less_blur_loses_is_left_out_alone(textured, textured_drive):
+def test_only_the_pair_lost_with_less_blur_is_left_out(textured, textured_drive):
     usual, less = (np.sqrt(np.diag(doubt_of_speeds(textured, textured_drive, sampler)).mean())
                    for sampler in (ObservationSampler, SeenLess))
     assert less == pytest.approx(usual, rel=0.3) and usual > 0
@@ -496,8 +495,7 @@ def test_a_pair_that_less_blur_loses_is_left_out_alone(textured, textured_drive)
 
 @pytest.mark.slow
 @pytest.mark.parametrize('sampler', [FirstUnseen, Unsolved])
-def test_passes_whose_doubt_is_unknown_are_as_uncertain_as_before(
-        textured, textured_drive, sampler):
-    """Twice 10 m/s, common to all pairs: of both solutions with less blur."""
+def test_passes_of_unknown_doubt_keep_the_prior_uncertainty(textured, textured_drive, sampler):
+    """Twice 10 m/s, common to all pairs: from both solutions with less blur."""
     doubt = doubt_of_speeds(textured, textured_drive, sampler)
     np.testing.assert_allclose(doubt, 200.0, rtol=1e-6)

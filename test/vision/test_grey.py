@@ -9,14 +9,14 @@ import pytest
 from stereo_speed.vision.grey import to_eight_bits
 
 
-def test_eight_bits_stay():
+def test_eight_bit_images_are_unchanged():
     image = np.arange(12, dtype=np.uint8).reshape(3, 4)
     np.testing.assert_array_equal(to_eight_bits(image), image)
     assert to_eight_bits(image[:, ::2]).flags.c_contiguous
 
 
 @pytest.mark.parametrize('bits', [8, 10, 12, 16])
-def test_white_is_the_greatest_number_of_as_many_bits(bits):
+def test_white_is_the_maximum_of_the_bit_depth(bits):
     white = 2 ** bits - 1
     image = np.array([[0, white // 2 + 1, white]], np.uint16)
     assert to_eight_bits(image).tolist() == [[0, 128, 255]]

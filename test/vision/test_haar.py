@@ -51,7 +51,7 @@ def test_features_ignore_gain_and_offset():
     np.testing.assert_allclose(np.linalg.norm(grid.features(patch), axis=1), 1, atol=1e-4)
 
 
-def test_a_flat_patch_has_no_features():
+def test_flat_patch_has_no_features():
     grid = PartGrid()
     flat = np.full((1, grid.unit_xy.shape[0]), 90, np.float32)
     np.testing.assert_allclose(grid.features(flat), 0, atol=1e-6)

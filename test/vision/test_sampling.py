@@ -18,13 +18,13 @@ IMAGE = np.arange(12 * 20, dtype=np.uint8).reshape(12, 20)
     ((0.5, 0.5), (2.0, 2.0), 3, (0, 6), (0, 6)),  # cut off at the border
     ((90.0, 90.0), (95.0, 95.0), 0, (18, 20), (10, 12)),  # outside: the nearest 2 x 2 pixels
 ])
-def test_a_crop_holds_the_points_and_their_margin(low, high, margin, columns, rows):
+def test_crop_contains_the_points_and_their_margin(low, high, margin, columns, rows):
     part, origin = crop(IMAGE, np.array(low), np.array(high), margin)
     np.testing.assert_array_equal(part, IMAGE[slice(*rows), slice(*columns)])
     assert origin.tolist() == [columns[0], rows[0]]
 
 
-def test_low_pass_keeps_what_the_samples_show_and_drops_what_would_alias():
+def test_low_pass_removes_only_what_would_alias():
     rng = np.random.default_rng(0)
     noise = rng.normal(100, 20, (80, 80))
     fine, _ = low_pass_crop(noise, np.full(2, 30.0), np.full(2, 50.0), 1.0)
@@ -36,7 +36,7 @@ def test_low_pass_keeps_what_the_samples_show_and_drops_what_would_alias():
     assert inner.std() == pytest.approx(20 / np.sqrt(4 * np.pi * 4), rel=0.35)
 
 
-def test_quad_grid_is_opencvs_perspective_transform():
+def test_quad_grid_equals_opencvs_perspective_transform():
     rng = np.random.default_rng(0)
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     quads = (100 * square + rng.uniform(-15, 15, (20, 4, 2))).astype(np.float32)
@@ -62,7 +62,7 @@ def test_samples_equal_opencvs_perspective_warp():
     assert np.abs(got - want).mean() < 0.005 * np.ptp(image)
 
 
-def test_many_quads_are_sampled_as_each_alone_is():
+def test_many_quads_are_sampled_like_single_ones():
     image = cv2.GaussianBlur(
         np.random.default_rng(1).uniform(0, 255, (90, 120)).astype(np.float32), (0, 0), 2)
     quad = np.array([[20.0, 20], [60, 21], [61, 40], [19, 39]])

@@ -1,10 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-A tracker that believes a clock and a detector that believes a gate.
-
-They look at no image, so that what they say is known beforehand; all else is as in a real one.
-"""
+"""A tracker and a detector that return scripted motion and detections."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -35,7 +31,7 @@ class ClockSettings:
 
 
 class ClockTracker:
-    """Moves its front along the path of its lane at a speed that is a parameter."""
+    """Moves its front along the path of its lane at a configured speed."""
 
     Settings = ClockSettings
 
@@ -57,7 +53,7 @@ class ClockTracker:
         self.ended = False
 
     def update(self, pair):
-        """Move on by the time that has passed."""
+        """Advance by the elapsed time."""
         s_m = self.s_m + self.speed_mps * (pair.stamp_ns - self.first_ns) * 1e-9
         left, right = front_quads(self.rig, self.lane, s_m)
         if not (np.isfinite(left).all() and self.rig.left.inside(left).all()):

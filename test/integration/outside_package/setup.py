@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""A package of somebody else, with a tracker and a detector for stereo_speed."""
+"""A third-party package with a tracker and a detector for stereo_speed."""
 from setuptools import setup
 
 setup(

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated passes for all baselines, and starts of tracks that need no images."""
+"""Simulated passes for all baselines, and image-free track starts."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -77,10 +77,9 @@ def parallel():
 
 class Scene:
     """
-    A front that comes along a straight path at 20 m/s, from 60 m away, without images.
+    A front that approaches along a straight path at 20 m/s from 60 m away, without images.
 
     Its points and its first front are measured with Gaussian errors.
-
     :param rig: the cameras.
     :param seed: of all errors.
     :param std_px: matching error of the points in each view.
@@ -110,7 +109,7 @@ class Scene:
             rng=self.rng)
 
     def centre_m(self, stamp_ns):
-        """Return where the centre of the front is (3,)."""
+        """Return the position (3,) of the front's centre."""
         return np.array([1.0, 1.5, 60.0 - self.speed_mps * stamp_ns * 1e-9])
 
     @staticmethod
@@ -128,7 +127,7 @@ class Scene:
         return Points(np.flatnonzero(keep), left[keep], right[keep])
 
     def run(self, tracker, pairs=10):
-        """Feed a tracker some pairs; return its updates."""
+        """Feed pairs to a tracker; return its updates."""
         return [tracker.update(self.pair(k)) for k in range(pairs)]
 
 
@@ -164,7 +163,7 @@ class Textured:
                 for k, (m, e) in enumerate(zip((np.zeros(2), self.motion), expected))]
 
     def check(self, first, second, tolerance_px):
-        """Check that the points have the disparity, and move as the texture does."""
+        """Assert that the points have the disparity, and move as the texture does."""
         for found in (first, second):
             assert found.matched.sum() >= 20
             off = (found.left - found.right)[found.matched] - self.disparity

@@ -44,7 +44,7 @@ class Scripted(Baseline[MotionSettings]):
         return Profile(np.full(n, self.world.speed_mps), np.full(n, self.std_mps), self.std_mps)
 
 
-def test_a_good_pass_is_measured(scene):
+def test_good_pass_is_measured(scene):
     world = scene(focal_std=0.003, baseline_std_m=0.002)
     one = Scripted(world)
     updates = world.run(one, 6)
@@ -84,7 +84,7 @@ def test_reasons_of_rejected_passes(scene, reason, script, changes):
     assert (result.speed_mps is None) == (len(script.get('seen_in', '12')) < 2)
 
 
-def test_a_vehicle_that_is_not_seen_again_is_lost(scene):
+def test_vehicle_that_is_not_seen_again_is_lost(scene):
     world = scene(visibility=VisibilityConfig(lost_after_s=0.5))
     one = Scripted(world, seen_in=(0, 1, 2))
     states = [u.state if u else None for u in world.run(one, 8)]
@@ -93,7 +93,7 @@ def test_a_vehicle_that_is_not_seen_again_is_lost(scene):
     assert one.ended and one.result().end is TrackEnd.LOST
 
 
-def test_a_vehicle_that_leaves_the_view(scene):
+def test_vehicle_leaves_the_view(scene):
     world = scene()
     one = Scripted(world)
     updates = world.run(one, 20)

@@ -31,7 +31,7 @@ def test_histogram_by_hand(box):
     assert bhattacharyya(found, found[0]) == pytest.approx([1.0, 0.0])
 
 
-def test_the_outline_counts_less_than_the_middle(box):
+def test_outline_weighs_less_than_the_middle(box):
     half = QUAD + [20.0, 0]  # its left half lies in the box: by symmetry each counts the same
     wide = QUAD + np.array([[-10.0, -8], [10, -8], [10, 8], [-10, 8]])
     dark, bright = (histograms(box, np.stack([half, wide]), PartGrid(10, 4))[:, k * BINS // 256]
@@ -46,7 +46,7 @@ def test_white_is_in_the_last_bin():
     assert found[0, -1] == pytest.approx(1.0)
 
 
-def test_outline_is_strongest_on_the_edge(box):
+def test_gradient_is_strongest_on_the_outline(box):
     shifts = np.arange(-6, 7)
     quads = QUAD - 0.5 + shifts[:, None, None] * np.array([1.0, 0.0])
     quads[:, 1:3] += 1.0  # the edge lies half a pixel outside the outermost centres
@@ -64,7 +64,7 @@ def test_coefficient_by_hand():
     assert bhattacharyya(np.array([0.8, 0.2]), np.array([0.2, 0.8])) == pytest.approx(0.8)
 
 
-def test_coefficient_is_one_minus_the_squared_distance_of_opencv():
+def test_coefficient_is_one_minus_opencvs_squared_distance():
     rng = np.random.default_rng(0)
     first, second = rng.dirichlet(np.full(32, 0.3), (2, 40))
     distance = [cv2.compareHist(p.astype(np.float32), q.astype(np.float32),
@@ -73,7 +73,7 @@ def test_coefficient_is_one_minus_the_squared_distance_of_opencv():
 
 
 def test_coefficient_of_two_gaussians():
-    """Of equal width, it is exp(-gap^2 / 8 std^2)."""
+    """With equal widths it is exp(-gap^2 / 8 std^2)."""
     edges = np.linspace(-12, 15, 2000)
     p, q = (np.diff(stats.norm(mean, 1.5).cdf(edges)) for mean in (0.0, 2.0))
     assert bhattacharyya(p, q) == pytest.approx(np.exp(-2.0 ** 2 / (8 * 1.5 ** 2)), abs=1e-5)

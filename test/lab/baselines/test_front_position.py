@@ -18,12 +18,12 @@ TRIALS = 60
 
 
 def points(rng, count=40):
-    """Draw points of a front."""
+    """Return random points of a front."""
     return CENTRE + np.column_stack([rng.uniform(-1, 1, (count, 2)), np.zeros(count)])
 
 
 def with_errors(rig, rng, exact):
-    """Add the errors that the covariance of each point has."""
+    """Return points with errors drawn from their covariances."""
     root = np.linalg.cholesky(covariances(rig, exact, SETTINGS.match_std_px))
     return exact + np.einsum('nij,nj->ni', root, rng.standard_normal(exact.shape))
 
@@ -35,7 +35,7 @@ def test_exact_points_give_the_exact_centre(parallel):
     assert found.used.all()
 
 
-def test_error_of_the_position_is_that_of_its_covariance(parallel):
+def test_position_error_has_the_claimed_covariance(parallel):
     rng = np.random.default_rng(1)
     uv = parallel.project(CENTRE[None])[0][0]
     total = 0.0
@@ -60,7 +60,7 @@ def test_background_is_left_out(parallel):
     assert off @ np.linalg.solve(found.cov, off) < chi2.isf(1e-4, 3)
 
 
-def test_error_of_the_displacement_is_that_of_its_covariance(parallel):
+def test_displacement_error_has_the_claimed_covariance(parallel):
     rng, motion = np.random.default_rng(2), np.array([0.1, 0.2, -4.0])
     total = 0.0
     for _ in range(TRIALS):
@@ -74,7 +74,7 @@ def test_error_of_the_displacement_is_that_of_its_covariance(parallel):
     assert 0.6 * chi2.ppf(1e-4, 3 * TRIALS) < total < chi2.isf(1e-4, 3 * TRIALS)
 
 
-def test_a_shared_error_is_not_averaged_away(parallel):
+def test_shared_error_does_not_average_out(parallel):
     rng, uv = np.random.default_rng(3), parallel.project(CENTRE[None])[0][0]
     shared = PointSettings(match_std_px=0.1, common_std_px=0.1)
     few, many = (position_of_front(parallel, points(rng, n), uv, NORMAL, shared).cov[2, 2]
@@ -92,7 +92,7 @@ def test_too_few_points_give_nothing(parallel):
     assert position_of_front(parallel, more, uv, NORMAL, PointSettings(least_points=6)) is None
 
 
-def test_agreeing_returns_how_much_more_the_values_scatter():
+def test_agreeing_returns_the_excess_scatter():
     used, scale = agreeing(np.array([0.0, 0.1, -0.1, 9.0]), np.full(4, 0.1), 3.0)
     assert used.tolist() == [True, True, True, False] and 1 <= scale < 2
     values = np.random.default_rng(0).normal(0, 0.5, 20_000)

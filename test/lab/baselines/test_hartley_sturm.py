@@ -31,14 +31,14 @@ def noisy(rig, std_px, count=30):
 
 
 @pytest.mark.parametrize('turn', [(0, 0, 0), (0.02, -0.03, 0.01), (0.0, -0.4, 0.0)])
-def test_exact_matches_stay_and_give_their_points(turn):
+def test_exact_matches_are_unchanged_and_give_their_points(turn):
     rig = make_rig(turn, (-0.2, 0.1, 1e-4, -2e-4, 0))
     points, left, right = noisy(rig, 0.0)
     np.testing.assert_allclose(triangulate(rig, left, right), points, rtol=1e-7)
 
 
 @pytest.mark.parametrize('std_px', [0.5, 10.0])
-def test_as_near_to_the_measured_pixels_as_brute_force_finds(std_px):
+def test_corrected_pixels_are_as_near_as_by_brute_force(std_px):
     rig = make_rig()
     points, left, right = noisy(rig, std_px)
     found = triangulate(rig, left, right)
@@ -50,7 +50,7 @@ def test_as_near_to_the_measured_pixels_as_brute_force_finds(std_px):
         assert np.sum(residual(found[k]) ** 2) <= 2 * best.cost * (1 + 1e-6) + 1e-9
 
 
-def test_matches_fulfil_the_epipolar_constraint():
+def test_corrected_matches_satisfy_the_epipolar_constraint():
     rig = make_rig()
     _, left, right = noisy(rig, 0.0)
     one = np.ones((len(left), 1))
@@ -58,7 +58,7 @@ def test_matches_fulfil_the_epipolar_constraint():
     assert np.abs(rest.sum(axis=1)).max() < 1e-12
 
 
-def test_a_pixel_without_a_ray_leaves_the_others_alone():
+def test_pixel_without_a_ray_does_not_affect_the_others():
     rig = make_rig()
     points, left, right = noisy(rig, 0.0)
     right[3] = np.nan
@@ -69,7 +69,7 @@ def test_a_pixel_without_a_ray_leaves_the_others_alone():
     assert triangulate(rig, left[:0], right[:0]).shape == (0, 3)
 
 
-def test_points_behind_the_rig_are_none():
+def test_points_behind_the_rig_are_invalid():
     rig = make_rig((0, 0, 0))
     uv = np.array([[500.0, 300.0]])
     assert np.isnan(triangulate(rig, uv, uv + [20, 0])).all()  # rays that part

@@ -15,7 +15,7 @@ def test_points_keep_their_numbers_and_their_positions(parallel, textured):
     textured.check(first, second, tolerance_px=0.05)
 
 
-def test_no_more_points_than_wanted(parallel, textured):
+def test_number_of_points_is_limited(parallel, textured):
     for found in textured(FlowPoints(parallel, FlowSettings(most_points=7))):
         assert len(found.ids) == 7
 
@@ -28,12 +28,12 @@ def test_flow_of_a_moved_texture(textured, shift):
     np.testing.assert_allclose(there, at + shift, atol=FlowSettings().match_std_px)
 
 
-def test_flow_refuses_what_does_not_come_back(textured):
+def test_flow_that_fails_the_backward_check_is_refused(textured):
     at = np.array([[100.0, 100.0], [200, 200]])
     there, good = flow(textured.view(np.zeros(2)), np.full((384, 512), 90, np.uint8), at, 9, 0.3)
     assert there.shape == (2, 2) and not good.any()
     assert flow(there, there, at[:0], 9, 0.3)[0].shape == (0, 2)
 
 
-def test_the_window_grows_with_the_front_within_reason():
+def test_window_grows_with_the_front_within_limits():
     assert [window_px(w) for w in (10.0, 72.0, 1000.0)] == [9, 13, 21]

@@ -11,7 +11,7 @@ from stereo_speed.lab.sim.config import DISTORTED, straight_config
 from stereo_speed.lab.sim.scene import SimScene
 
 
-def test_depth_sigma_is_the_textbook_one(parallel):
+def test_depth_sigma_equals_the_textbook_formula(parallel):
     depth = np.array([20.0, 40.0, 80.0])
     points = np.column_stack([np.full(3, 0.25), np.zeros(3), depth])  # between the cameras
     sigma = np.sqrt(covariances(parallel, points, 0.5)[:, 2, 2])

@@ -16,7 +16,7 @@ STD_M, RATE, PARTICLES = 0.3, 0.5, 4000
 
 
 class Linear(ParticleTracker[MotionSettings]):
-    """Position and velocity, of which the position is measured with Gaussian errors."""
+    """A model with position and velocity, whose position is measured with Gaussian errors."""
 
     Settings = MotionSettings
     freedom = 6
@@ -55,7 +55,7 @@ class Linear(ParticleTracker[MotionSettings]):
 
 @pytest.fixture
 def linear(scene):
-    """Make a tracker, and the exact beliefs after each of six pairs."""
+    """Return a tracker, and the exact posteriors after each of six pairs."""
     def make(seed, miss=()):
         world = scene(seed=seed, particles=PARTICLES)
         prior = Gaussian(np.append(world.centre_m(0), [0.0, 0, -20]),
@@ -73,7 +73,7 @@ def linear(scene):
 
 
 @pytest.mark.parametrize('miss', [(), (3,)], ids=['all seen', 'one missed'])
-def test_means_and_covariances_are_those_of_the_exact_filter(linear, miss):
+def test_means_and_covariances_equal_the_exact_filter(linear, miss):
     runs = 10
     total = np.zeros((6, 6))
     ratios = []
@@ -92,7 +92,7 @@ def test_means_and_covariances_are_those_of_the_exact_filter(linear, miss):
     assert np.mean(ratios, axis=0) == pytest.approx(1.0, abs=3 * most)
 
 
-def test_a_missed_pair_leaves_the_particles_as_predicted(linear):
+def test_missed_pair_leaves_the_particles_as_predicted(linear):
     world, one, _ = linear(0, (1,))
     one.update(world.pair(0))
     before = one.filtered[-1]
@@ -102,7 +102,7 @@ def test_a_missed_pair_leaves_the_particles_as_predicted(linear):
     np.testing.assert_allclose(missed.position_m, expected.mean[:3], atol=0.1)
 
 
-def test_the_pass_is_smoothed(linear):
+def test_pass_is_smoothed(linear):
     world, one, _ = linear(0)
     world.run(one, 6)
     result = one.result()

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trackers of points on fronts whose points have Gaussian errors; no images."""
+"""Point trackers on fronts whose points have Gaussian errors, without images."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -54,7 +54,7 @@ def tracker(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', [Filtering, Triangulating])
-def test_errors_are_those_of_their_covariances(tracker, kind):
+def test_errors_match_their_covariances(tracker, kind):
     """Sums of normalised squares over many runs are below chi-square, but not far below."""
     live, along, whole = 0.0, 0.0, 0.0
     for seed in range(RUNS):
@@ -71,7 +71,7 @@ def test_errors_are_those_of_their_covariances(tracker, kind):
     assert 0.05 * RUNS < whole < chi2.isf(1e-4, RUNS)
 
 
-def test_a_pass_is_known_better_than_by_its_first_and_last_position(tracker):
+def test_pass_is_more_certain_than_from_its_first_and_last_position(tracker):
     world, one = tracker()
     world.run(one, PAIRS)
     ends = [one.filtered[0].cov, one.filtered[-1].cov]
@@ -101,7 +101,7 @@ def test_pairs_without_points_coast(tracker, kind):
     assert abs(result.speed_mps - world.speed_mps) < 4 * result.speed_std_mps
 
 
-def test_points_of_the_background_are_dropped(tracker):
+def test_background_points_are_dropped(tracker):
     rng = np.random.default_rng(0)
 
     def seen(pair, points):
@@ -114,7 +114,7 @@ def test_points_of_the_background_are_dropped(tracker):
     assert abs(last.speed_mps - world.speed_mps) < 4 * last.speed_std_mps
 
 
-def test_a_position_that_no_motion_reaches_is_not_the_vehicle(tracker):
+def test_position_beyond_any_motion_is_not_the_vehicle(tracker):
     def seen(pair, points):
         jump = np.array([10.0 if pair.index == 5 else 0.0, 0])  # 10 px of disparity
         return replace(points, right=points.right - jump)
@@ -124,7 +124,7 @@ def test_a_position_that_no_motion_reaches_is_not_the_vehicle(tracker):
     assert [u.state for u in world.run(one, 8)][5] is TrackState.CONFIRMED
 
 
-def test_sources_get_eight_bits(tracker):
+def test_sources_get_8_bit_images(tracker):
     depths = []
 
     def seen(pair, points):
@@ -135,7 +135,7 @@ def test_sources_get_eight_bits(tracker):
     assert depths == [np.uint8, np.uint8]
 
 
-def test_a_right_view_that_comes_late_counts_at_its_own_time(tracker):
+def test_late_right_view_counts_at_its_own_time(tracker):
     world, one = tracker()
     _, late = tracker()
     for k in range(5):

@@ -17,13 +17,13 @@ def test_transfer_by_hand():
     assert transfer(FRONT[:0], FRONT, FRONT).shape == (0, 2)
 
 
-def test_a_point_may_lie_outside_a_quad_by_the_slack():
+def test_point_may_lie_outside_a_quad_by_the_slack():
     inside = near_quad(np.array([[250.0, 175], [305, 175], [320, 175]]), FRONT, 6.0)
     assert inside.tolist() == [True, True, False]
     assert near_quad(FRONT[:0], FRONT, 6.0).shape == (0,)
 
 
-def test_regions_hold_their_corners_and_know_their_origin():
+def test_regions_contain_their_corners_and_know_their_origin():
     image = (np.arange(100)[:, None] + np.arange(120)).astype(np.uint8)
     part, origin = crop_around(image, np.array([[40.2, 50.0], [60.0, 70.9]]), 3.0)
     u, v = origin.astype(int)
@@ -34,7 +34,7 @@ def test_regions_hold_their_corners_and_know_their_origin():
     assert min(outside.shape) >= 2
 
 
-def test_distance_from_the_epipolar_line_of_parallel_cameras_is_the_difference_of_rows(parallel):
+def test_epipolar_distance_of_parallel_cameras_is_the_row_difference(parallel):
     rng = np.random.default_rng(0)
     left, right = rng.uniform(100, 600, (2, 9, 2))
     np.testing.assert_allclose(off_epipolar_px(parallel, left, right),
@@ -42,7 +42,7 @@ def test_distance_from_the_epipolar_line_of_parallel_cameras_is_the_difference_o
     assert off_epipolar_px(parallel, left[:0], right[:0]).shape == (0,)
 
 
-def test_some_of_the_points():
+def test_points_can_be_selected():
     right = np.array([[1.0, 2], [np.nan, np.nan], [3, 4]])
     points = Points(np.array([4, 5, 6]), right + 10, right)
     assert points.matched.tolist() == [True, False, True]

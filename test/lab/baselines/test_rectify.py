@@ -18,7 +18,7 @@ def rig():
     return SimScene(straight_config(rig=DISTORTED)).rig
 
 
-def test_points_are_seen_on_one_row_at_their_disparity(rig):
+def test_points_are_on_one_row_at_their_disparity(rig):
     virtual = Rectifier(rig)
     points = np.random.default_rng(0).uniform([-3, -2, 15], [3, 2, 60], (20, 3))
     left, disparity = virtual.project(points, points)
@@ -37,7 +37,7 @@ def test_points_behind_the_cameras_have_no_disparity(rig):
     assert np.isnan(uv).all() and np.isnan(disparity).all()
 
 
-def test_a_point_of_a_raw_view_is_warped_to_where_it_is_projected(rig):
+def test_warped_point_is_where_its_3d_point_projects(rig):
     virtual, point = Rectifier(rig), np.array([[0.4, 0.3, 25.0]])
     uv, disparity = virtual.project(point, point)
     low = np.round(uv[0]) - 20

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of a baseline can be set, changes what it measures, and runs at its bounds."""
+"""Every parameter of a baseline can be set, changes the result, and runs at its bounds."""
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -32,7 +32,7 @@ EACH = pytest.mark.parametrize(('name', 'parameter'), PARAMETERS,
 
 @pytest.fixture(scope='module')
 def measured(tmp_path_factory):
-    """Run a baseline over three pairs of small images: all its figures."""
+    """Run a baseline over three pairs of small images; return all its figures."""
     small = RigConfig(width_px=400, height_px=300, f_px=600.0)
     sequence = simulate(straight_config('45 mph', rig=small, start_m=26.0, near_m=12.0, pairs=3),
                         np.random.default_rng(4))
@@ -78,7 +78,7 @@ def test_every_parameter_changes_something(name, parameter, measured, usual):
 @pytest.mark.slow
 @pytest.mark.parametrize('side', ['low', 'high'])
 @pytest.mark.parametrize('name', BASELINES)
-def test_all_parameters_at_their_bounds_run(name, side, measured, usual):
+def test_all_parameters_run_at_their_bounds(name, side, measured, usual):
     kind = TRACKERS.load(name).Settings
     settings = kind(**{f.name: type(f.default)(f.metadata[side]) for f in fields(kind)})
     updates, speed, std, _ = measured(name, settings)
@@ -96,7 +96,7 @@ def test_every_parameter_can_be_set_in_a_file(name, parameter, tmp_path):
     assert load_pipeline_config(path, tracker=name).tracker_settings == wanted
 
 
-def test_values_out_of_bounds_are_refused():
+def test_out_of_bounds_values_are_refused():
     with pytest.raises(InputError, match='least_points.*2.*int in .3, 1000.'):
         PointSettings(least_points=2)
     with pytest.raises(InputError, match='match_std_px'):

@@ -31,7 +31,7 @@ def test_matches_are_mutual_distinct_and_near():
     assert not len(match(places + [8.0, 0], descriptors, places, descriptors, 5.0, RATIO)[0])
 
 
-def test_rivals_elsewhere_spoil_a_match_and_those_of_one_keypoint_do_not():
+def test_similar_keypoint_elsewhere_prevents_a_match():
     one = np.eye(1, 128, dtype=np.float32)
     twins = np.concatenate([one, one])
     elsewhere, here = np.array([[1.0, 0], [4, 0]]), np.array([[1.0, 0], [1.5, 0]])
@@ -39,7 +39,7 @@ def test_rivals_elsewhere_spoil_a_match_and_those_of_one_keypoint_do_not():
     assert len(match(np.zeros((1, 2)), one, here, twins, 5.0, RATIO)[0]) == 1
 
 
-def test_nothing_matches_nothing():
+def test_no_keypoints_give_no_matches():
     none, one = np.zeros((0, 128), np.float32), np.eye(1, 128, dtype=np.float32)
     for first, second in ((none, one), (one, none)):
         a, b = match(np.zeros((len(first), 2)), first, np.zeros((len(second), 2)), second,

@@ -24,7 +24,7 @@ def test_exact_places_give_exact_speeds(slow):
     np.testing.assert_allclose(found.speed_mps, 20 - slow * TIMES, atol=1e-5)
 
 
-def test_sigma_of_fitted_speeds_is_that_of_many_trials():
+def test_sigma_of_fitted_speeds_equals_the_scatter_of_many_trials():
     rng = np.random.default_rng(0)
     depth_std = np.linspace(1.0, 0.1, len(TIMES))
     covs = np.array([np.diag([0.01, 0.01, s]) ** 2 for s in depth_std])
@@ -52,7 +52,7 @@ def test_smoothed_profile_of_one_known_velocity():
     assert found.std_mps[0] <= 0.2
 
 
-def test_depth_noise_at_a_high_frame_rate_does_not_lengthen_the_way():
+def test_depth_noise_at_a_high_frame_rate_does_not_increase_the_speed():
     """Steps of 0.8 m with 0.5 m of depth noise: their bare lengths would read 10 % too much."""
     rng, times = np.random.default_rng(3), np.arange(45) / 30
     means = []

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every baseline behind the protocol, on simulated passes with exact truth."""
+"""Every baseline through the protocol, on simulated passes with exact truth."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -36,7 +36,7 @@ def most_sigmas(count):
 
 
 @pytest.mark.parametrize('name', BASELINES)
-def test_a_pass_with_distorted_lenses_and_uneven_stamps(name, straight, drive):
+def test_pass_with_distorted_lenses_and_uneven_stamps(name, straight, drive):
     updates, result = drive(straight, name)
     assert len(updates) == len(straight.pairs)
     assert [u.state for u in updates[:2]] == [TrackState.TENTATIVE] * 2
@@ -54,7 +54,7 @@ def test_a_pass_with_distorted_lenses_and_uneven_stamps(name, straight, drive):
 
 
 @pytest.mark.parametrize('name', BASELINES)
-def test_sigma_holds_the_truth_and_is_worth_the_effort(name, straight, drive):
+def test_sigma_covers_the_truth_and_beats_manual_annotation(name, straight, drive):
     updates, result = drive(straight, name)
     off = errors(updates, straight)[2:] / [u.speed_std_mps for u in updates[2:]]
     assert np.abs(off).max() < most_sigmas(len(off))
@@ -75,7 +75,7 @@ def by_hand_mps(sequence):
 
 
 @pytest.mark.parametrize('name', ['kalman', 'flow', 'multimodal'])
-def test_a_bend(name, circle, drive):
+def test_bend(name, circle, drive):
     updates, result = drive(circle, name)
     speed = float(circle.truth[0]['speed'])
     assert result.verdict is Verdict.MEASURED and result.pairs == len(circle.pairs)
@@ -85,14 +85,14 @@ def test_a_bend(name, circle, drive):
 
 
 @pytest.mark.parametrize('name', BASELINES)
-def test_same_seed_same_readings(name, straight, drive):
+def test_same_seed_repeats_the_readings(name, straight, drive):
     again = drive(straight, name, straight.pairs[:4])[0]
     first = drive(straight, name)[0][:4]
     assert [u.speed_mps for u in again] == [u.speed_mps for u in first]
 
 
 @pytest.mark.parametrize('name', ['flow', 'multimodal', 'unconstrained'])
-def test_pairs_without_the_vehicle_coast_and_it_is_reacquired(name, straight, drive):
+def test_vehicle_is_reacquired_after_pairs_that_do_not_show_it(name, straight, drive):
     pairs = [blank(p) if p.index == 5 else p for p in straight.pairs]
     updates, result = drive(straight, name, pairs)
     assert [k for k, u in enumerate(updates) if u.state is TrackState.COASTING] == [5]
@@ -103,7 +103,7 @@ def test_pairs_without_the_vehicle_coast_and_it_is_reacquired(name, straight, dr
 
 @pytest.mark.parametrize(('name', 'reason'), [
     ('flow', 'too_few_features'), ('multimodal', 'never_seen'), ('unconstrained', 'never_seen')])
-def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
+def test_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
     soon = VisibilityConfig(lost_after_s=0.5)
     pairs = [blank(p) if p.index > 1 else p for p in straight.pairs]
     updates, result = drive(straight, name, pairs, visibility=soon)
@@ -111,7 +111,7 @@ def test_a_vehicle_lost_for_good_ends_its_track(name, reason, straight, drive):
     assert (result.verdict, result.reason) == (Verdict.REJECTED, reason)
 
 
-def test_a_right_view_that_comes_late_counts_at_its_own_time(straight, drive):
+def test_late_right_view_counts_at_its_own_time(straight, drive):
     # Changed stamps displace the front by the distance travelled in 20 ms.
     late = [replace(p, right_stamp_ns=p.right_stamp_ns + 20_000_000) for p in straight.pairs]
     places = [drive(straight, 'multimodal', pairs)[0][-1].position_m for pairs in (None, late)]

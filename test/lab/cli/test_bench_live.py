@@ -22,7 +22,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(bench_live, 'Traffic', SimpleNamespace(drawn=lambda *_, **__: None))
 
 
-def test_without_ros_one_line_says_so(undrawn, monkeypatch):
+def test_missing_ros_is_one_line(undrawn, monkeypatch):
     for name in [name for name in sys.modules if name.startswith('stereo_speed.nodes.')]:
         monkeypatch.delitem(sys.modules, name)
     for name in ('rclpy', 'rosgraph_msgs'):
@@ -32,14 +32,14 @@ def test_without_ros_one_line_says_so(undrawn, monkeypatch):
                                             'rosgraph_msgs')}
 
 
-def test_a_graph_that_fails_is_one_line(undrawn, monkeypatch):
+def test_failing_graph_is_one_line(undrawn, monkeypatch):
     def fails(traffic):
         raise GraphError('live: one: found it\nended')
     monkeypatch.setattr(bench_live, 'live_table', fails)
     assert live_lines(1.0) == 'live over DDS: not measured, live: one: found it ended\n'
 
 
-def test_delays_and_pairs_are_told_of_each_node(undrawn, monkeypatch):
+def test_delays_and_pairs_are_reported_for_each_node(undrawn, monkeypatch):
     """Of 4 pairs at 10 pairs/s, all four or half of them were accepted."""
     pytest.importorskip('rclpy')
     delays_s = [0.010, 0.020, 0.030, 0.110]
@@ -58,7 +58,7 @@ def test_delays_and_pairs_are_told_of_each_node(undrawn, monkeypatch):
     assert rows[0][1] == '1 readings, 0 passes'
 
 
-def test_rounds_follow_on_each_other_as_pairs_do(sample):
+def test_rounds_follow_each_other_at_the_pair_interval(sample):
     """The sample has 12 pairs, 0.2 s apart."""
     traffic = Traffic.of(sample, 5.0)
     assert len(traffic.stamps_ns) == 12
@@ -76,7 +76,7 @@ def python(code):
             process.kill()
 
 
-def test_processor_time_is_that_of_helpers_too():
+def test_cpu_time_includes_that_of_child_processes():
     """A parent that sleeps while its child works for 0.4 s uses no time itself."""
     work = ('import time\nwhile time.process_time() < 0.4: pass\n'
             'print("done", flush=True)\ntime.sleep(60)')
@@ -92,7 +92,7 @@ def test_processor_time_is_that_of_helpers_too():
         processor_s(process.pid)
 
 
-def test_a_node_that_has_ended_is_told():
+def test_ended_node_is_reported():
     class Ended:
         name, process = 'one_node', SimpleNamespace(returncode=2)
 
@@ -104,7 +104,7 @@ def test_a_node_that_has_ended_is_told():
 
 
 @pytest.mark.parametrize('status', [0, 1])
-def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, monkeypatch):
+def test_replay_that_ends_before_any_result_is_not_waited_for(status, monkeypatch):
     """Whatever its exit status: 0 means that all was played."""
     monkeypatch.setattr(live_graph, 'Process', lambda *_: nullcontext(SimpleNamespace(
         process=SimpleNamespace(poll=lambda: status, returncode=status), ended=lambda: True)))
@@ -121,7 +121,7 @@ def test_a_replay_that_ends_before_any_pair_is_told_is_not_waited_for(status, mo
     assert sum(waited_s) < 5.0
 
 
-def test_a_node_whose_process_is_gone_is_one_line(undrawn, monkeypatch):
+def test_node_without_a_process_is_one_line(undrawn, monkeypatch):
     with python('') as process:
         process.wait()
     node = SimpleNamespace(name='one_node', process=process)

@@ -10,7 +10,7 @@ from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim.repeat import repeat_bag
 
 
-def test_a_bag_goes_round_with_rising_stamps(sample, tmp_path):
+def test_looping_bag_has_increasing_stamps(sample, tmp_path):
     folder = repeat_bag(sample / 'bag', tmp_path / 'bag', 3, 8.0, pairs=2)
     with StereoBag(folder) as bag:
         stamps = [pair.stamp_ns for pair in bag.pairs()]
@@ -22,7 +22,7 @@ def test_a_bag_goes_round_with_rising_stamps(sample, tmp_path):
 
 
 @pytest.mark.slow
-def test_tables_of_what_bags_cost(tmp_path, capsys):
+def test_tables_of_the_costs_of_bags(tmp_path, capsys):
     assert main(['endurance', 'many', '--bags', '1', '--jobs', '0', '--out', str(tmp_path)]) == 0
     row = capsys.readouterr().out.splitlines()[-2].strip('| ').split(' | ')
     assert row[:2] == ['1', '1']

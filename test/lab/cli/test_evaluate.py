@@ -20,7 +20,7 @@ def rows_of(path):
 
 
 @pytest.mark.slow
-def test_the_papers_tables_in_small(tmp_path, capsys):
+def test_small_version_of_the_papers_tables(tmp_path, capsys):
     args = ['evaluate', '--paper', '--quick', '--trackers', 'constrained', '--lines', 'picked',
             '--jobs', '2', '--out', str(tmp_path)]
     assert main(args) == 0
@@ -45,7 +45,7 @@ def test_the_papers_tables_in_small(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_bag_with_truth_and_several_numbers_of_particles(tmp_path, capsys):
+def test_bag_with_truth_and_several_numbers_of_particles(tmp_path, capsys):
     assert main(['evaluate', str(SAMPLE), '--trackers', 'constrained', '--seeds', '2',
                  '--particles', '100', '200', '--jobs', '0', '--out', str(tmp_path)]) == 0
     assert 'constrained, N = 200' in capsys.readouterr().out

@@ -33,28 +33,28 @@ def told(speed, off_ns=0):
 @pytest.mark.parametrize(('rows', 'mean'), [((0, 1, 2, 3, 4), 16.0), ((0, 4), 16.0),
                                             ((0, 1), 19.0), ((3, 4), 16.0), ((1, 2, 4), 16.0),
                                             ((2, 4), 16.0)])
-def test_a_pass_is_compared_with_its_vehicle_in_its_pairs(rows, mean, off_ns):
+def test_pass_is_compared_with_its_vehicle_over_its_pairs(rows, mean, off_ns):
     """
-    All up to the last one that was told count, those in a gap as well; also an hour off.
+    All pairs up to the last published one count, including a gap; also with stamps an hour off.
 
-    There is a pair for as many rows as there are between two that were told.
+    Between two published ones there are as many pairs as rows.
     """
     assert _pass_error(told(mean + 0.1, off_ns), heard(*rows, off_ns=off_ns), TRUTH) \
         == pytest.approx((0.1, 0.5))
 
 
-def test_what_cannot_be_compared_is_left_out():
+def test_results_that_cannot_be_compared_are_left_out():
     assert _pass_error({**told(None)}, heard(0), TRUTH) is None
     assert _pass_error(told(16.0), heard(), TRUTH) is None
 
 
-def test_a_reading_is_compared_with_the_vehicle_that_is_there_then():
+def test_reading_is_compared_with_the_vehicle_present_then():
     reading = SimpleNamespace(ns=3 * SECOND, frame_id='vehicle_0', speed_mps=14.5, std_mps=0.2)
     assert _error(reading, heard(3), TRUTH) == pytest.approx((0.5, 0.2))
     assert _error(reading, heard(2), TRUTH) is None
 
 
-def test_the_worst_reading_is_told_by_its_sigmas_also_where_none_is_wrong(capsys):
+def test_worst_reading_in_sigmas_is_reported_even_if_none_is_wrong(capsys):
     """Errors of 0.5 m/s at a sigma of 0.1 against 1 m/s at 0.5; the truth is 14 and 16 m/s."""
     def reading(row, speed_mps, std_mps):
         return SimpleNamespace(at_s=10.0 + row, ns=row * SECOND, frame_id='vehicle_0',

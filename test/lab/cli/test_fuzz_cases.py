@@ -17,7 +17,7 @@ from stereo_speed.lab.sim.damage import damage_mcap, damage_value, MAGIC, split_
 
 
 @pytest.mark.parametrize('part', range(5))
-def test_damaged_input_does_no_more_than_be_refused(part, tmp_path):
+def test_damaged_input_is_at_worst_refused(part, tmp_path):
     """About 300 cases for all readers; whole commands have separate tests."""
     said = fuzz.work({'seed': 7, 'first': 62 * part, 'count': 62})
     assert said['faults'] == []
@@ -26,14 +26,14 @@ def test_damaged_input_does_no_more_than_be_refused(part, tmp_path):
 
 @pytest.mark.parametrize('name', ['MCAP bag', 'SQLite bag', 'ROS 1 bag', 'video file', 'boxes',
                                   'site file', 'polygons file', 'targets file', 'parameter file'])
-def test_what_is_not_damaged_is_taken(name, tmp_path, monkeypatch):
+def test_undamaged_input_is_accepted(name, tmp_path, monkeypatch):
     for damage in ('damage_bytes', 'damage_value', 'damage_mcap'):
         monkeypatch.setattr(fuzz, damage, lambda rng, data: data)
     call = fuzz.SUBJECTS[name](np.random.default_rng(0), tmp_path)
     assert fuzz.judge(name, call, tmp_path) == fuzz.Outcome(name, False)
 
 
-def test_damage_to_evidence_is_found_and_told_in_one_line(tmp_path):
+def test_damaged_evidence_is_found_and_reported_in_one_line(tmp_path):
     """Verified, recomputed or disclosed; undamaged folders verify."""
     case = fuzz.SUBJECTS['evidence folder']
     for number in range(12):
@@ -44,7 +44,7 @@ def test_damage_to_evidence_is_found_and_told_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize('make', [fuzz._with_png_sizes, fuzz._with_jpeg_sizes])
-def test_sizes_that_lie_are_in_files_that_are_whole(make):
+def test_files_with_false_sizes_are_otherwise_whole(make):
     kind = '.png' if 'png' in make.__name__ else '.jpg'
     data = cv2.imencode(kind, np.full((8, 12), 99, np.uint8))[1].tobytes()
     width, height = cv2.imdecode(np.frombuffer(data, np.uint8), 0).shape[::-1]
@@ -90,7 +90,7 @@ def twice():
     (warn, 'warned: overflow'), (twice, 'error: two'),
     (lambda: 'a reading from garbage', 'garbage'),
 ], ids=lambda value: getattr(value, '__name__', ''))
-def test_the_judge_sees_faults(call, fault, tmp_path, monkeypatch):
+def test_judge_finds_faults(call, fault, tmp_path, monkeypatch):
     if call is loop:
         monkeypatch.setattr(fuzz, 'MOST_S', 0.3)
     monkeypatch.setattr(fuzz, 'MOST_MB', 100)
@@ -99,7 +99,7 @@ def test_the_judge_sees_faults(call, fault, tmp_path, monkeypatch):
     assert bool(fault) == bool(found.fault)
 
 
-def test_a_case_is_always_the_same(tmp_path):
+def test_case_is_reproducible(tmp_path):
     for number in (2, 10, 61):
         folders = [tmp_path / f'{number}{k}' for k in 'ab']
         for folder in folders:
@@ -119,7 +119,7 @@ def test_damage_to_an_mcap_file_keeps_its_frame():
     assert damage_mcap(np.random.default_rng(0), b'no bag at all') is not None
 
 
-def test_damage_to_values_leaves_the_original_alone():
+def test_damaging_values_does_not_change_the_original():
     tree = {'a': [1, {'b': 2}], 'c': 'd'}
     made = [damage_value(np.random.default_rng(k), tree) for k in range(50)]
     assert tree == {'a': [1, {'b': 2}], 'c': 'd'}

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies, light and faults of cameras as options of ``accuracy`` and ``simulate``."""
+"""Bodies, light and camera faults as options of ``accuracy`` and ``simulate``."""
 from __future__ import annotations
 
 import csv
@@ -11,7 +11,7 @@ from stereo_speed.io.bags import StereoBag
 
 
 @pytest.mark.slow
-def test_accuracy_tabulates_what_is_held(tmp_path, capsys):
+def test_accuracy_tabulates_fixed_options(tmp_path, capsys):
     assert cli.main(['accuracy', '--passes', '1', '--lines', 'exact', '--jobs', '0', '--detect',
                      '--out', str(tmp_path), '--outdoors', 'vehicle=van', 'lamps=clipping',
                      'light=overcast', 'fault=none']) == 0
@@ -25,7 +25,7 @@ def test_accuracy_tabulates_what_is_held(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_body_outdoors_is_written(tmp_path):
+def test_outdoor_body_is_written(tmp_path):
     assert cli.main(['simulate', '--out', str(tmp_path / 'bus'), '--kind', 'bus', '--lamp-grey',
                      '3000', '--gloss', '0.5', '--light', 'wet_night', '--lens', '0.6', '0.03',
                      '8', '--exposure-step', '0.15', '--right-gain', '1.1', '--right-defocus',

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ``traffic`` command: measures, writes, refuses."""
+"""The ``traffic`` command: results, files, refusals."""
 from __future__ import annotations
 
 import csv
@@ -13,7 +13,7 @@ from stereo_speed.cli import main as cli
 
 
 @pytest.mark.slow
-def test_a_short_stream_is_measured(tmp_path, capsys):
+def test_short_stream_is_measured(tmp_path, capsys):
     """15 s of the traffic in the docs' table: each vehicle once, no wrong or false ones."""
     assert cli.main(['traffic', '--minutes', '0.25', '--vehicles', '5', '--fps', '5', '--lanes',
                      '2', '--lines', 'exact', '--particles', '200', '--seed', '1', '--out',

@@ -34,7 +34,7 @@ def accuracy_result(errors_mph):
     return jobs, results
 
 
-def test_accuracy_sums_up_by_kind():
+def test_accuracy_is_summarised_by_kind():
     jobs, results = accuracy_result([0.1, -0.1, 0.3, None, 0.1, -0.1])
     results[5] = Result(key=jobs[5].key, error='no road')
     passes = gather(jobs, results)
@@ -65,13 +65,13 @@ def test_readings_of_the_second_half():
     assert late_errors(run) == [4.0, 5.0, 6.0]
 
 
-def test_only_what_is_measured_and_off_beyond_its_sigmas_is_silently_wrong():
+def test_only_wrong_results_beyond_their_sigmas_are_silently_wrong():
     # 0.1 mph is 1 sigma here
     assert silently_wrong(gather(*accuracy_result([0.15, 0.25, -0.3, None]))) == 2
 
 
 @pytest.mark.slow
-def test_a_job_measures_its_pass():
+def test_job_measures_its_pass():
     job, = jobs_of(1, tolerances=True)
     run, = SequenceRun.from_json(measure_job(job.parameters)).vehicles
     assert run.verdict == 'measured'

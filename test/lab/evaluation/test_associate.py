@@ -23,12 +23,12 @@ def vehicle(number, x_m, from_z_m=70.0, places=True):
 
 
 def track(truth, off_m=(0.0, 0.0, 0.0), rows=slice(None)):
-    """Make the updates of a track beside a vehicle."""
+    """Return the updates of a track beside a vehicle."""
     return [SimpleNamespace(stamp_ns=int(ns), position_m=place + off_m)
             for ns, place in zip(STAMPS[rows], truth.position_m[rows])]
 
 
-def test_each_gets_its_own():
+def test_each_vehicle_gets_its_own_track():
     a, b = vehicle(0, -2.0), vehicle(1, 2.0)
     assert match({7: track(b, (0.3, 0, 1)), 9: track(a, (-0.2, 0, -1))}, [a, b]) == {0: 9, 1: 7}
 
@@ -41,7 +41,7 @@ def test_distance_is_in_gates():
     assert distance(track(near, (0, 0, 2.0)), near) == pytest.approx(0.5)
 
 
-def test_what_is_beyond_the_gate_does_not_match():
+def test_track_beyond_the_gate_does_not_match():
     a = vehicle(0, 0.0, from_z_m=24.0)
     assert match({1: track(a, (0, 0, 5.0))}, [a]) == {}
     assert match({1: track(a, (0, 0, 3.9))}, [a]) == {0: 1}
@@ -52,28 +52,28 @@ def test_one_vehicle_gets_one_of_two_tracks():
     assert match({1: track(a, (1, 0, 0)), 2: track(a, (0.1, 0, 0))}, [a]) == {0: 2}
 
 
-def test_a_track_that_leaves_its_vehicle_later_is_still_its():
+def test_track_that_leaves_its_vehicle_later_still_matches():
     a, b = vehicle(0, -2.0), vehicle(1, 2.0, from_z_m=60.0)
     wandering = track(a)[:4] + [SimpleNamespace(stamp_ns=u.stamp_ns, position_m=u.position_m * 3)
                                 for u in track(a)[4:]]
     assert match({5: wandering, 6: track(b)}, [a, b]) == {0: 5, 1: 6}
 
 
-def test_no_common_stamp_no_match():
+def test_tracks_without_a_common_stamp_do_not_match():
     a = vehicle(0, 0.0)
     late = [SimpleNamespace(stamp_ns=u.stamp_ns + 50_000_000, position_m=u.position_m)
             for u in track(a)]
     assert match({1: late}, [a]) == {}
 
 
-def test_without_places_the_longest_track_is_taken_for_a_single_vehicle():
+def test_without_places_the_longest_track_matches_a_single_vehicle():
     a = vehicle(0, 0.0)
     blind = vehicle(0, 0.0, places=False)
     assert match({1: track(a, rows=slice(3)), 2: track(a)}, [blind]) == {0: 2}
     assert match({1: track(a)}, [blind, vehicle(1, 3.0, places=False)]) == {}
 
 
-def test_the_sum_of_distances_is_the_least():
+def test_sum_of_distances_is_minimal():
     rng = np.random.default_rng(5)
     for _ in range(20):
         truths = [vehicle(k, x) for k, x in enumerate(rng.uniform(-3, 3, 4))]
@@ -86,7 +86,7 @@ def test_the_sum_of_distances_is_the_least():
         assert sum(cost[i, found[i]] for i in range(4)) == pytest.approx(best)
 
 
-def test_pairs_have_the_greatest_sum_of_gains_by_brute_force():
+def test_pairs_have_the_maximum_sum_of_gains_by_brute_force():
     rng = np.random.default_rng(6)
     for rows, columns in ((1, 4), (4, 2), (3, 3), (0, 2), (2, 0)):
         gain = np.maximum(rng.normal(0.2, 1.0, (rows, columns)), 0.0)
@@ -124,7 +124,7 @@ def test_support_is_the_sum_over_common_stamps():
     assert support(late, a) == 0.0
 
 
-def test_each_track_is_on_its_vehicle_a_second_one_too_and_one_on_nothing_on_none():
+def test_each_track_is_on_one_vehicle_or_on_none():
     a, b = vehicle(0, -1.85), vehicle(1, 1.85)
     tracks = {3: track(b, rows=slice(4)), 4: track(a), 5: track(b, rows=slice(4, 8)),
               6: track(a, (0, 0, 30.0))}
@@ -132,13 +132,13 @@ def test_each_track_is_on_its_vehicle_a_second_one_too_and_one_on_nothing_on_non
     assert vehicles_of(tracks, []) == vehicles_of({}, [a]) == {}
 
 
-def test_a_track_that_jumps_is_on_the_vehicle_that_it_spent_longer_on():
+def test_jumping_track_is_on_the_vehicle_it_followed_longer():
     a, b = vehicle(0, -1.85), vehicle(1, 1.85)
     jumping = track(a, rows=slice(3)) + track(b, rows=slice(3, 8))
     assert vehicles_of({1: jumping}, [a, b]) == {1: 1}
 
 
-def test_a_track_that_is_on_a_vehicle_for_a_moment_only_is_on_none():
+def test_track_briefly_on_a_vehicle_is_on_none():
     a = vehicle(0, 0.0)
     brief = track(a, rows=slice(2)) + track(a, (0, 0, 40.0), rows=slice(2, 8))
     assert vehicles_of({1: brief}, [a]) == {}  # two of eight updates are a quarter

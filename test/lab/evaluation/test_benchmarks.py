@@ -37,14 +37,14 @@ def test_kernels_are_timed_compiled_and_plain():
     assert all(plain > 0 and ratio > 0 for _, plain, _, ratio in table.rows)
 
 
-def test_the_filter_is_timed_without_a_peer_too(monkeypatch):
+def test_filter_is_timed_without_a_peer_too(monkeypatch):
     monkeypatch.setitem(sys.modules, 'filterpy.monte_carlo', None)
     table = filter_table(1)
     assert [row[2] for row in table.rows] == ['not installed'] * 4
     assert all(row[1] > 0 for row in table.rows)
 
 
-def test_one_vehicle_is_followed_beside_trackers_that_this_opencv_has(sample, monkeypatch):
+def test_one_vehicle_is_tracked_beside_available_opencv_trackers(sample, monkeypatch):
     """Peers get the front's box, and one view of each pair."""
     with StereoBag(sample / 'bag') as bag:
         pairs = list(bag.pairs())
@@ -69,7 +69,7 @@ def scene_of(image):
     return Scene(None, None, [SimpleNamespace(left=image)], ())
 
 
-def test_what_is_decoded_is_the_same_image():
+def test_decoded_image_equals_the_original():
     """For lossless formats; a mosaic of one colour is a grey image."""
     image = np.random.default_rng(4).integers(0, 256, (24, 32), dtype=np.uint8)
     messages = _image_messages(image)
@@ -83,7 +83,7 @@ def test_what_is_decoded_is_the_same_image():
                for name in ('jpeg, 8 bits', 'bayer_rggb8'))
 
 
-def test_decoding_is_timed_beside_peers_that_are_installed(monkeypatch):
+def test_decoding_is_timed_beside_installed_peers(monkeypatch):
     """Each gets the same messages; peers that are missing or do not support one are marked."""
     image, asked = np.zeros((24, 32), np.uint8), []
     peer = SimpleNamespace(message_to_cvimage=lambda msg, kind: asked.append(
@@ -105,12 +105,12 @@ def test_decoding_is_timed_beside_peers_that_are_installed(monkeypatch):
     assert np.all(benchmarks._by_pillow(pillow, deep) == 3 * 257)
 
 
-def test_a_peer_that_is_not_installed_is_none(monkeypatch):
+def test_missing_peer_is_none(monkeypatch):
     monkeypatch.setitem(sys.modules, 'rosbags.image', None)
     assert benchmarks._installed('rosbags.image') is None
     assert benchmarks._installed('json').loads('1') == 1
 
 
-def test_the_plot_is_a_picture(tmp_path):
+def test_plot_is_a_picture(tmp_path):
     growth_plot(tmp_path / 'a.png', {'tracks': [(1, 2.0), (2, 4.0)]}, 'tracks')
     assert (tmp_path / 'a.png').read_bytes().startswith(b'\x89PNG')

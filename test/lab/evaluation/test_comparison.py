@@ -28,7 +28,7 @@ def result(e, seed, errors_mph, vehicles=1):
     return Result(key=e.key(seed), value=SequenceRun(vehicles=runs, cpu_ms=5.0).to_json())
 
 
-def test_a_row_by_hand():
+def test_row_by_hand():
     e = experiment()
     table = comparison_table([e], range(2), Runs([
         result(e, 0, [1.0, -0.5]), result(e, 1, [0.0, 0.25])]))
@@ -47,14 +47,14 @@ def test_failed_runs_count_as_lost():
     assert (figures.runs, figures.lost) == (3, 2)
 
 
-def test_particles_and_vehicles_are_in_the_label_where_they_differ():
+def test_label_contains_particles_and_vehicles_where_they_differ():
     few, many = experiment(), experiment(particles=400)
     runs = Runs([result(e, 0, [0.1], vehicles=2) for e in (few, many)])
     assert [row[0] for row in comparison_table([few, many], [0], runs).rows] == [
         f'constrained, N = {n} (vehicle {k})' for k in (0, 1) for n in (100, 400)]
 
 
-def test_without_any_run_there_is_a_row_of_dashes():
+def test_no_runs_give_a_row_of_dashes():
     row, = comparison_table([experiment()], range(2), Runs([])).rows
     assert row[8:10] == ['0/2', '2/2']
     assert '| - | - |' in comparison_table([experiment()], range(2), Runs([])).markdown()

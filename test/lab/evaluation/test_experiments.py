@@ -31,7 +31,7 @@ def test_parameters_out_of_bounds_are_refused_before_the_work(changes):
         sequence_experiment('curve28', 'constrained', **changes)
 
 
-def test_a_key_names_sequence_lines_tracker_parameters_and_seed():
+def test_key_names_sequence_lines_tracker_parameters_and_seed():
     experiment = sequence_experiment('curve28', 'kalman', particles=100,
                                      lines=LineKnowledge.EXACT)
     assert experiment.key(4) == \
@@ -40,13 +40,13 @@ def test_a_key_names_sequence_lines_tracker_parameters_and_seed():
     assert bag.key(0) == '/data/one/bag flow defaults seed 0'
 
 
-def test_a_bag_is_named_after_its_folder():
+def test_bag_is_named_after_its_folder():
     assert Source(files={'bag': '/data/one/bag'}).name == 'one'
     assert Source(files={'bag': '/data/two.mcap'}).name == 'two.mcap'
     assert Source(sequence='curve28').name == 'curve28'
 
 
-def test_runs_on_one_sequence_and_seed_follow_one_another():
+def test_runs_on_one_sequence_and_seed_are_consecutive():
     a, b = (sequence_experiment('curve28', t) for t in ('constrained', 'kalman'))
     other = sequence_experiment('straight55', 'constrained')
     jobs = plan([(e, seed) for e in (a, other, b, a) for seed in (0, 1)])
@@ -55,7 +55,7 @@ def test_runs_on_one_sequence_and_seed_follow_one_another():
     assert len([i for i in range(1, 6) if runs[i] != runs[i - 1]]) == 3  # four groups
 
 
-def test_a_job_changes_with_the_files_of_its_bag(sample, tmp_path):
+def test_job_changes_with_the_files_of_its_bag(sample, tmp_path):
     truth = tmp_path / 'truth.csv'
     truth.write_text('stamp,speed\n1,2\n')
     os.utime(truth, ns=(0, 0))
@@ -67,7 +67,7 @@ def test_a_job_changes_with_the_files_of_its_bag(sample, tmp_path):
     assert experiment.job(0).fingerprint != before
 
 
-def test_a_job_runs_on_a_bag(sample):
+def test_job_runs_on_a_bag(sample):
     experiment = Experiment(source=Source(files=files_of(sample)), tracker='flow',
                             changes={'particles': 50})
     run, = SequenceRun.from_json(track_job(experiment.job(0).parameters)).vehicles

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sequences with truth: simulated ones with and without tolerances, and a tracker's run."""
+"""Sequences with truth: simulated with and without tolerances, and a tracker's run."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ def sequence():
     return simulated_sequence(CONFIG, (0,), LineKnowledge.EXACT)
 
 
-def test_a_run_is_as_replay_would_and_the_same_again(sequence):
+def test_run_equals_replay_and_is_repeatable(sequence):
     one, again = (run_tracker(sequence, 'constrained', TrackerConfig(), 4) for _ in range(2))
     assert replace(one, cpu_ms=0) == replace(again, cpu_ms=0)
     run, = one.vehicles
@@ -72,13 +72,13 @@ def test_disturbances_are_as_large_as_the_tolerances():
     assert {p.right_stamp_ns - p.stamp_ns for p in s.pairs} == {7}
 
 
-def test_a_site_goes_through_a_file_as_a_person_would_hand_it_over(sequence):
+def test_site_passes_through_a_file_as_in_practice(sequence):
     assert sequence.site.site.where.endswith('.yaml')
     with pytest.raises(InputError, match='content.yaml: stereo_speed_site: found 7'):
         read_back({'stereo_speed_site': 7}, load_site)
 
 
-def test_a_bag_brings_its_site_annotations_and_truth(sample):
+def test_bag_brings_its_site_annotations_and_truth(sample):
     bag = bag_sequence(sample / 'bag', sample / 'site.yaml', sample / 'init.yaml',
                        sample / 'truth.csv')
     truth, = bag.truths

@@ -18,7 +18,7 @@ from stereo_speed.lab.sim.kinematics import lateral_m
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_lane_changes_are_those_of_the_paper(case):
+def test_lane_changes_equal_those_of_the_paper(case):
     mph, last_s = CASES[case]
     lanes = set()
     for seed in range(12):
@@ -41,14 +41,14 @@ def test_straight_only_is_the_tracker_without_manoeuvres():
 
 
 @pytest.mark.slow
-def test_a_fast_lane_change_is_measured():
+def test_fast_lane_change_is_measured():
     job = change_jobs([0], 200, LineKnowledge.EXACT)[1]
     own = ChangeError(**change_job(job.parameters)[MANOEUVRE_MODELS[0]])
     assert own.followed
     assert abs(own.pass_mps) < 0.3 * MPH_MPS
 
 
-def test_a_table_by_hand_in_which_failed_jobs_do_not_count():
+def test_failed_jobs_do_not_count_in_the_table():
     nan = float('nan')
     good = asdict(ChangeError(True, 0.1 * MPH_MPS, 0.2 * MPH_MPS, 0.3 * MPH_MPS, True))
     poor = asdict(ChangeError(False, nan, 0.4 * MPH_MPS, nan, False))

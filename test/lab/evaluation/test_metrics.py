@@ -14,7 +14,7 @@ from stereo_speed.lab.evaluation.scorer import VehicleRun
 
 
 def run(speeds, truth=20.0, confirmed=None, **changes):
-    """Make a run of a vehicle that drives at one speed."""
+    """Return a run of a vehicle at a constant speed."""
     n = len(speeds)
     return VehicleRun(**{
         'vehicle': 0, 'stamps_ns': list(range(n)), 'speeds_mps': list(speeds),
@@ -46,7 +46,7 @@ def test_figures_of_two_runs_by_hand():
     assert (f.runs, f.lost, f.truth_mps) == (2, 0, 20.0)
 
 
-def test_mean_square_is_mean_and_deviation_squared():
+def test_mean_square_is_squared_mean_plus_variance():
     rng = np.random.default_rng(2)
     f = reading_figures([run(20 + rng.normal(0.4, 1, 9)) for _ in range(5)])
     assert f.rms_mps ** 2 == pytest.approx((f.mean_mps - 20) ** 2 + f.std_mps ** 2)
@@ -59,17 +59,17 @@ def test_mean_square_is_mean_and_deviation_squared():
     ([True] * 6 + [True, False], False),
     ([True] * 5, True),  # its track ended
     ([], True)], ids=['to the end', 'coasting', 'almost', 'ended', 'never'])
-def test_lost_without_a_reading_in_the_last_quarter(confirmed, wanted):
+def test_run_without_a_reading_in_the_last_quarter_is_lost(confirmed, wanted):
     assert lost(run([20.0] * len(confirmed), confirmed=confirmed,
                     last_quarter_ns=6)) is wanted
 
 
-def test_found_late_and_followed_to_the_end_is_not_lost():
+def test_vehicle_found_late_and_followed_to_the_end_is_not_lost():
     late = run([20.0] * 3, stamps_ns=[5, 6, 7], last_quarter_ns=6)
     assert not lost(late)
 
 
-def test_nothing_gives_no_figures():
+def test_no_runs_give_no_figures():
     f = reading_figures([VehicleRun(vehicle=0)])
     assert f.lost == 1
     assert all(math.isnan(v) for v in (f.mean_mps, f.max_error_mps, f.rms_mps, f.std_mps))
@@ -89,7 +89,7 @@ def test_figures_of_passes_by_hand():
     assert math.isnan(sigma_share(rejected))
 
 
-def test_honest_sigmas_have_a_ratio_of_one():
+def test_exact_sigmas_have_a_ratio_of_one():
     rng = np.random.default_rng(0)
     sigmas = rng.uniform(0.05, 0.5, 400)
     f = pass_figures([measured(float(s * rng.standard_normal()), float(s)) for s in sigmas])
@@ -97,7 +97,7 @@ def test_honest_sigmas_have_a_ratio_of_one():
     assert abs(f.sigma_ratio ** 2 - 1) < 4 * math.sqrt(2 / 400)
 
 
-def test_statistics_of_nothing_are_nan_and_of_some_those_of_numpy():
+def test_statistics_equal_numpy_and_are_nan_for_no_values():
     nothing, some = np.zeros(0), np.array([3.0, -4.0, 1.0])
     assert all(math.isnan(f(nothing)) for f in (mean, std, rms, greatest))
     assert (mean(some), greatest(some)) == (0.0, 4.0)
@@ -105,6 +105,6 @@ def test_statistics_of_nothing_are_nan_and_of_some_those_of_numpy():
     assert finite(np.array([np.nan, 1.0, np.inf])).tolist() == [1.0]
 
 
-def test_mean_and_deviation_are_written_in_mph():
+def test_mean_and_deviation_are_in_mph():
     assert mean_and_std(-0.0447, 0.44704) == '-0.100 ± 1.000'
     assert mean_and_std(math.nan, math.nan) == '-'

@@ -23,7 +23,7 @@ def test_every_kind_is_drawn():
     assert abs(sum(drawn.kinds['fault'] == 'none' for drawn in DRAWN) - 42) < 19
 
 
-def test_what_is_drawn_is_what_is_simulated():
+def test_drawn_conditions_are_simulated():
     for drawn in DRAWN:
         config, kinds = drawn.config, drawn.kinds
         vehicle, = config.vehicles
@@ -39,7 +39,7 @@ def test_what_is_drawn_is_what_is_simulated():
         assert (abs(config.right_gain - 1) > 0.1) == (kinds['fault'] == 'gain')
 
 
-def test_what_is_held_is_not_drawn_and_changes_no_road():
+def test_fixed_conditions_are_not_drawn_and_change_no_road():
     held = {'vehicle': 'bus', 'lamps': 'dim', 'light': 'sun', 'fault': 'none'}
     for number in range(6):
         drawn, plain = draw_pass(1, number, outdoors=held), draw_pass(1, number)
@@ -54,6 +54,6 @@ def test_what_is_held_is_not_drawn_and_changes_no_road():
     ({'colour': 'red'}, '--outdoors: found colour, wanted one of vehicle'),
     ({'fault': 'rust'}, '--outdoors fault: found rust, wanted one of none'),
     ({'vehicle': 'tank'}, '--outdoors vehicle')])
-def test_what_cannot_be_drawn_is_refused(held, said):
+def test_unknown_conditions_are_refused(held, said):
     with pytest.raises(InputError, match=said):
         check_held(held)

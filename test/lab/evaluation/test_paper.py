@@ -20,7 +20,7 @@ from stereo_speed.lab.evaluation.scorer import SequenceRun, VehicleRun
 SMALL = PaperPlan(table_seeds=range(2), compare_seeds=range(2))
 
 
-def test_cells_of_two_tables_that_are_one_experiment_are_run_once():
+def test_cells_of_two_tables_with_one_experiment_are_run_once():
     def cell(table, value):
         return SMALL.cell(table, next(row for row in table.rows if row.value == value))
     assert cell(TABLE_1A, 200) == cell(TABLE_1B, 10)
@@ -38,7 +38,7 @@ def test_cells_vary_what_their_table_varies():
     assert parts == [4, 6, 8, 10, 12, 16]
 
 
-def test_each_run_is_planned_once_and_those_of_one_sequence_follow_one_another():
+def test_runs_are_planned_once_and_grouped_by_sequence():
     jobs = plan(SMALL.cells() + SMALL.contests())
     assert len({job.key for job in jobs}) == len(jobs)
     # 21 cells of which 2 are in two tables; of the 7 contests 2 are cells as well
@@ -48,7 +48,7 @@ def test_each_run_is_planned_once_and_those_of_one_sequence_follow_one_another()
     assert groups == sorted(groups)
 
 
-def test_findings_are_of_sequences_we_compare():
+def test_findings_are_of_compared_sequences():
     assert {sequence for sequence, _ in FINDINGS} <= set(SMALL.compared) <= set(SEQUENCES)
 
 
@@ -66,7 +66,7 @@ def runs_with(plan_, errors_mph):
     return Runs(results)
 
 
-def test_a_table_shows_the_papers_figures_beside_ours():
+def test_table_has_the_papers_figures_beside_ours():
     runs = runs_with(SMALL, [0.1, -0.2])
     rows = list(csv.reader(io.StringIO(paper_table(SMALL, TABLE_1A, runs).csv())))
     assert rows[0][0] == 'particles N'
@@ -79,7 +79,7 @@ def test_a_table_shows_the_papers_figures_beside_ours():
     assert float(second['ours, every reading']) == pytest.approx(0.4)
 
 
-def test_a_comparison_has_a_row_for_each_vehicle_and_counts_failed_runs_as_lost():
+def test_comparison_has_a_row_per_vehicle_and_counts_failed_runs_as_lost():
     runs = runs_with(SMALL, [0.1])  # the second seed failed
     table = contest_table(SMALL, 'two_vehicles', runs)
     assert len(table.rows) == 2
@@ -87,7 +87,7 @@ def test_a_comparison_has_a_row_for_each_vehicle_and_counts_failed_runs_as_lost(
     assert [row[lost] for row in table.rows] == ['1/2', '1/2']
 
 
-def test_checks_say_what_does_not_hold():
+def test_checks_report_what_does_not_hold():
     good = checks(SMALL, runs_with(SMALL, [0.1, -0.05]))
     # half of 0.25 mph is the strictest limit
     assert [c for c in good if not c.holds] == []
@@ -101,12 +101,12 @@ def test_checks_say_what_does_not_hold():
     assert '- **NO**: ' in checks_text(bad)
 
 
-def test_quick_is_small():
+def test_quick_plan_is_small():
     quick = SMALL.quick()
     assert [len(t.rows) for t in quick.tables] == [2] * 4
     assert len(plan(quick.cells() + quick.contests())) <= 9
 
 
-def test_without_ours_nothing_is_asked_of_it():
+def test_plan_without_our_tracker_has_no_checks():
     others = PaperPlan(tables=(), compared=('straight55',), trackers=('kalman',))
     assert checks(others, Runs([])) == []

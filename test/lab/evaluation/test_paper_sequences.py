@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""The sequences are built to the paper's descriptions."""
+"""The sequences match the paper's descriptions."""
 from __future__ import annotations
 
 import numpy as np
@@ -25,7 +25,7 @@ def test_all_vehicles_are_in_view_in_the_first_pair(name):
     assert scene.config.fps == FPS
 
 
-def test_the_circle_turns_by_22_and_a_half_degrees_a_second():
+def test_circle_turns_by_22_5_degrees_a_second():
     scene = sequence_scene('circle36')
     vehicle = scene.config.vehicles[0]
     ahead = [scene.front(scene.vehicles[0], t).axes[:, 0] for t in (0.5, 1.5)]
@@ -34,7 +34,7 @@ def test_the_circle_turns_by_22_and_a_half_degrees_a_second():
 
 
 @pytest.mark.parametrize(('name', 'drift_m'), [('lane_change35', 0.15), ('lane_change30', 0.25)])
-def test_lane_changes_drift_as_the_paper_says(name, drift_m):
+def test_lane_changes_drift_as_in_the_paper(name, drift_m):
     config = find_sequence(name).config()
     vehicle = config.vehicles[0]
     (begin_s, _), (end_s, across_m) = vehicle.lateral_knots
@@ -46,7 +46,7 @@ def test_lane_changes_drift_as_the_paper_says(name, drift_m):
     assert sum(seen) >= 29
 
 
-def test_the_papers_noise_per_frame_is_a_rate_of_ours():
+def test_noise_per_frame_of_the_paper_is_converted_to_a_rate():
     # ten steps of a random walk at 10 pairs a second are as wide as five at 5
     assert rate_std(0.15, 5.0) * np.sqrt(1.0) == pytest.approx(0.15 * np.sqrt(5))
     assert rate_std(0.15, 5.0) == pytest.approx(0.335, abs=5e-4)
@@ -55,13 +55,13 @@ def test_the_papers_noise_per_frame_is_a_rate_of_ours():
 @pytest.mark.parametrize(('name', 'speeds_mph'), [
     ('straight55', [55]), ('circle36', [36]), ('straight36', [36]), ('curve28', [28]),
     ('two_vehicles', [50, 53]), ('lane_change35', [35]), ('lane_change30', [30])])
-def test_vehicles_drive_at_the_papers_speeds(name, speeds_mph):
+def test_vehicles_have_the_papers_speeds(name, speeds_mph):
     config = find_sequence(name).config()
     assert [v.speed_mps / MPH_MPS for v in config.vehicles] == pytest.approx(speeds_mph)
     assert config.name == name
 
 
-def test_the_right_one_of_two_vehicles_is_seen_in_every_pair_of_the_left_ones_pass():
+def test_right_one_of_two_vehicles_is_visible_while_the_left_one_passes():
     scene = sequence_scene('two_vehicles')
     left, right = scene.vehicles
     assert left.place(0.0).lane == right.place(0.0).lane + 1
@@ -69,6 +69,6 @@ def test_the_right_one_of_two_vehicles_is_seen_in_every_pair_of_the_left_ones_pa
     assert len(both) >= 10
 
 
-def test_an_unknown_name_is_refused():
+def test_unknown_name_is_refused():
     with pytest.raises(InputError, match='found moon, wanted straight55'):
         find_sequence('moon')

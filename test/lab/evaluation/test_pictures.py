@@ -26,7 +26,7 @@ def result(e, seed, error_mph):
     return Result(key=e.key(seed), value=SequenceRun(vehicles=[run], cpu_ms=1.0).to_json())
 
 
-def test_curves_of_particles_are_by_tracker_in_rising_order():
+def test_particle_curves_are_by_tracker_in_rising_order():
     experiments = [experiment(t, n) for t in ('constrained', 'kalman') for n in (400, 100)]
     runs = Runs([result(e, 0, e.changes['particles'] / 1000) for e in experiments])
     curves = particle_curves(experiments, [0], runs, lambda f: f.max_error_mps)
@@ -36,7 +36,7 @@ def test_curves_of_particles_are_by_tracker_in_rising_order():
         assert curve.errors_mph == pytest.approx([0.1, 0.4])
 
 
-def test_curves_of_the_paper_stand_beside_ours():
+def test_curves_of_the_paper_are_beside_ours():
     plan = PaperPlan(table_seeds=range(1))
     runs = Runs([result(plan.cell(TABLE_1A, row), 0, -0.25) for row in TABLE_1A.rows])
     theirs, ours = paper_curves(plan, TABLE_1A, runs)
@@ -45,7 +45,7 @@ def test_curves_of_the_paper_stand_beside_ours():
     assert ours.errors_mph == pytest.approx([0.25] * len(TABLE_1A.rows))
 
 
-def test_files_are_pictures_and_without_readings_there_is_none(tmp_path):
+def test_plots_are_pictures_and_none_is_made_without_readings(tmp_path):
     e = experiment('constrained')
     draw_speeds(tmp_path / 'speed.png', 'one', [e], 0, Runs([result(e, 0, 0.1)]))
     draw_speeds(tmp_path / 'none.png', 'one', [e], 0, Runs([]))

@@ -20,12 +20,12 @@ def squares(monkeypatch):
     return importlib.import_module('producing').squares
 
 
-def test_more_items_than_wait_at_once_come_in_order(squares):
+def test_more_items_than_the_buffer_holds_come_in_order(squares):
     count = 3 * WAITING
     assert list(produced(squares, count)) == [n ** 2 for n in range(count)]
 
 
-def test_what_goes_wrong_there_is_raised_here_after_what_went_well(squares):
+def test_error_in_the_process_is_raised_after_the_good_items(squares):
     items = produced(squares, 5, 2)
     assert [next(items), next(items)] == [0, 1]
     with pytest.raises(ValueError, match='no square of 2'):
@@ -33,13 +33,13 @@ def test_what_goes_wrong_there_is_raised_here_after_what_went_well(squares):
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_is_noticed(squares):
+def test_dead_process_is_noticed(squares):
     with pytest.raises(RuntimeError, match='exit code -9'):
         list(produced(squares, 5, None, 1))
 
 
 @pytest.mark.parametrize('ending', [signal.SIG_DFL, signal.SIG_IGN])
-def test_the_process_ends_with_its_reader(squares, monkeypatch, ending):
+def test_process_ends_with_its_reader(squares, monkeypatch, ending):
     """Even if it ignores the request to end, like its reader."""
     monkeypatch.setattr(producer, '_ALIVE_S', 0.5)
     before = set(multiprocessing.active_children())

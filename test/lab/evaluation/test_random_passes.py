@@ -19,12 +19,12 @@ import yaml
 DRAWN = [draw_pass(3, number) for number in range(90)]
 
 
-def test_a_pass_follows_from_its_seed_and_number():
+def test_pass_is_determined_by_seed_and_number():
     assert draw_pass(3, 17) == DRAWN[17]
     assert draw_pass(4, 17).config != DRAWN[17].config
 
 
-def test_draws_fill_the_range_that_is_promised():
+def test_draws_fill_the_promised_range():
     configs = [drawn.config for drawn in DRAWN]
     for value, low, high in ((lambda c: c.vehicles[0].speed_mps / MPH_MPS, 20, 90),
                              (lambda c: c.camera_height_m, 2, 6), (lambda c: c.noise_grey, 1, 4)):
@@ -38,7 +38,7 @@ def test_draws_fill_the_range_that_is_promised():
     assert Counter(s.kinds['rig'] for s in DRAWN) == dict.fromkeys(RIGS, 18)
 
 
-def test_speed_limits_are_whole_and_near_the_speed():
+def test_speed_limits_are_integers_near_the_speed():
     for drawn in DRAWN:
         number, unit = drawn.config.speed_limit.split()
         share = float(number) / (drawn.config.vehicles[0].speed_mps / MPH_MPS)
@@ -46,14 +46,14 @@ def test_speed_limits_are_whole_and_near_the_speed():
         assert 0.75 - 2.5 / 20 <= share <= 1.1 + 2.5 / 20  # rounded to 5 mph, from 20 mph on
 
 
-def test_nobody_drives_through_a_bend_faster_than_tyres_hold():
+def test_bend_speeds_are_within_the_grip_of_tyres():
     for drawn in DRAWN:
         road, v = drawn.config.road, drawn.config.vehicles[0].speed_mps
         assert v ** 2 * abs(road.curvature_end) <= MOST_ACROSS_MPS2 + 1e-9
 
 
 @pytest.mark.slow
-def test_sites_of_passes_can_be_read(tmp_path):
+def test_sites_of_passes_are_readable(tmp_path):
     for drawn in DRAWN[:6:2]:
         sim = SimScene(drawn.config)
         path = tmp_path / 'site.yaml'
@@ -62,6 +62,6 @@ def test_sites_of_passes_can_be_read(tmp_path):
         assert len(lanes) == drawn.config.road.lanes
 
 
-def test_pan_turns_the_right_camera_to_either_side():
+def test_pan_rotates_the_right_camera_to_either_side():
     pans = {draw_pass(3, n, pan_deg=0.02).config.rig_moved_deg for n in range(12)}
     assert pans == {(0.02, 0.0, 0.0), (-0.02, 0.0, 0.0)}

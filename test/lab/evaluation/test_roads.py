@@ -24,7 +24,7 @@ RESULTS = [road('bend', 0.003, 0.001), road('bend', -0.004, -0.005, turned=True)
            road('sag', None, 0.002), road('sag', 0.001, None), Result(key='x', error='failed')]
 
 
-def test_a_row_for_each_kind():
+def test_table_has_a_row_for_each_kind():
     rows = {row[0]: row[1:] for row in kinds_table(RESULTS).rows}
     assert list(rows) == ['all', 'bend', 'sag']
     assert rows['bend'] == pytest.approx(
@@ -34,12 +34,12 @@ def test_a_row_for_each_kind():
     assert rows['all'][0] == 4
 
 
-def test_a_sentence_of_all():
+def test_summary_sentence_of_all():
     assert road_figures(RESULTS).startswith(
         '4 roads: 3 refined, 1 refused, 0 kept as clicked, 1 found turned, 1 worse than the')
 
 
-def test_kinds_take_turns_and_cameras_turn_to_either_side():
+def test_kinds_alternate_and_cameras_rotate_to_either_side():
     drawn = [draw_road(0, number, 0.02) for number in range(2 * len(KINDS))]
     assert [road.kind for road in drawn] == 2 * list(KINDS)
     pans = np.array([road.config.rig_moved_deg[0] for road in drawn])

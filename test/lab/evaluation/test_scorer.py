@@ -29,7 +29,7 @@ def passed(track=8, smoothed=None, **changes):
         'smoothed': smoothed or {}, 'smoothed_std': {}, **changes})
 
 
-def test_readings_and_pass_stand_beside_the_truth_of_their_pairs():
+def test_readings_and_pass_are_compared_with_the_truth_of_their_pairs():
     updates = [update(8, k, 50.0 - k, 11.0, k > 0) for k in range(0, 50000, 10000)]
     updates.append(update(9, 0, 500.0, 3.0))  # on nothing
     run, = beside_truth(updates, [passed(smoothed={10000: 11.0, 20000: 12.0})], TRUTHS)
@@ -39,12 +39,12 @@ def test_readings_and_pass_stand_beside_the_truth_of_their_pairs():
     assert run.last_quarter_ns == 30000
 
 
-def test_a_pass_without_smoothed_speeds_counts_the_pairs_it_lasted():
+def test_pass_without_smoothed_speeds_counts_the_pairs_of_its_duration():
     track = [update(8, k, 50.0 - k, 11.0) for k in range(0, 40000, 10000)]
     assert vehicle_run(TRUTHS[0], track, passed()).pass_truth_mps == 15010.0
 
 
-def test_a_vehicle_without_a_track_has_no_readings():
+def test_vehicle_without_a_track_has_no_readings():
     run, = beside_truth([], [], TRUTHS)
     assert (run.stamps_ns, run.verdict, run.measured) == ([], '', False)
     assert run.last_quarter_ns == 30000
@@ -53,16 +53,16 @@ def test_a_vehicle_without_a_track_has_no_readings():
 @pytest.mark.parametrize(('changes', 'wanted'), [
     ({}, True), ({'verdict': Verdict.REJECTED, 'speed_mps': None}, False),
     ({'speed_mps': None}, False)], ids=['measured', 'rejected', 'speechless'])
-def test_measured_is_a_verdict_with_a_speed(changes, wanted):
+def test_measured_means_a_verdict_with_a_speed(changes, wanted):
     assert vehicle_run(TRUTHS[0], [update(8, 0, 50.0, 1.0)], passed(**changes)).measured is wanted
 
 
-def test_updates_are_gathered_by_track_in_their_order():
+def test_updates_are_collected_by_track_in_order():
     tracks = by_track([update(2, 0, 1.0, 1.0), update(1, 0, 2.0, 1.0), update(2, 1, 3.0, 1.0)])
     assert {n: [u.position_m[2] for u in us] for n, us in tracks.items()} == {2: [1, 3], 1: [2]}
 
 
-def test_a_run_comes_back_from_json_as_it_was():
+def test_run_round_trips_through_json():
     run = SequenceRun(vehicles=beside_truth(
         [update(8, k, 50.0 - k, 11.0) for k in range(0, 50000, 10000)], [passed()], TRUTHS),
         cpu_ms=1.5)

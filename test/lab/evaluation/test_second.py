@@ -40,7 +40,7 @@ def test_figures_by_hand():
 
 
 @pytest.mark.slow
-def test_a_pass_through_the_command(tmp_path, capsys):
+def test_pass_through_the_command(tmp_path, capsys):
     assert main(['second', '--passes', '1', '--lines', 'exact', '--jobs', '0', '--out',
                  str(tmp_path)]) == 0
     row, = csv.DictReader((tmp_path / 'passes.csv').open())

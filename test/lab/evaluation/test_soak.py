@@ -53,7 +53,7 @@ def test_each_vehicle_of_each_round_is_counted():
     assert rounds.reasons == {'too_few_pairs': 1}
 
 
-def test_pairs_that_came_nowhere_are_lost():
+def test_pairs_without_a_result_are_lost():
     stamps = [START, START + SECOND, START + 2 * SECOND]
     found = [ns + turn * ROUND for turn in range(3) for ns in stamps]
     assert lost_pairs(found, stamps, ROUND, 3) == (9, 0)
@@ -71,7 +71,7 @@ def samples(memory, handles=lambda k: 20):
     (samples(lambda k: 100.0 + k / 5), 'memory grew by 15.0 MB'),
     (samples(lambda k: 100.0, lambda k: 20 + k // 10), 'handles grew from 22 to 30'),
 ], ids=['flat', 'warm', 'leak', 'files'])
-def test_what_grows_is_told(made, fault):
+def test_growth_is_reported(made, fault):
     rules = SoakRules(warm_share=0.25, growth_mb=10.0, handles=3)
     assert ''.join(Held.of('node', made, rules).faults(rules)).startswith(
         fault and f'node: {fault}')
@@ -79,7 +79,7 @@ def test_what_grows_is_told(made, fault):
         Held.of('node', made[:3], rules)
 
 
-def test_a_run_is_sound_or_says_what_is_not():
+def test_run_is_good_or_its_faults_are_listed():
     rounds = Rounds(TRUTH, {0}, ROUND, START)
     rounds.add(*passes(TRUTH[0], 0))
     flat = Held.of('node', samples(lambda k: 100.0), SoakRules())
@@ -98,7 +98,7 @@ def test_a_run_is_sound_or_says_what_is_not():
                                          '1 of 2 vehicles were measured once']
 
 
-def test_memory_is_not_judged_where_pairs_wait():
+def test_memory_is_not_judged_while_pairs_wait():
     leak = Held.of('node', samples(lambda k: 100.0 + k), SoakRules())
 
     def run(*delays_s):
@@ -109,7 +109,7 @@ def test_memory_is_not_judged_where_pairs_wait():
     assert 'NOT JUDGED' in run(0.1, 9.0).notes(SoakRules())[0]
 
 
-def test_a_process_is_seen_as_it_is():
+def test_state_of_a_process_is_read():
     before = sample_of(os.getpid(), time.monotonic())
     # memory from the system, not memory that the process had freed
     with mmap.mmap(-1, 30 * 2 ** 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as block, \
@@ -121,7 +121,7 @@ def test_a_process_is_seen_as_it_is():
     assert 25 < after.memory_mb - before.memory_mb < 40
 
 
-def test_vehicles_count_when_they_are_well_seen(sample, tmp_path):
+def test_only_well_visible_vehicles_count(sample, tmp_path):
     """All vehicles of the sample's file count, because it has no visibility."""
     assert counted_vehicles(sample / 'truth.csv', (TRUTH[1],)) == {1}
     path = tmp_path / 'truth.csv'

@@ -14,17 +14,17 @@ TABLE = Table(title='t', columns=('a', 'b', 'c'), digits=(0, 2, 3), note='so',
               rows=[['x|y', float('nan'), 1.23456], [None, 7, float('inf')]])
 
 
-def test_markdown_has_dashes_where_nothing_is_known_and_escapes_bars():
+def test_markdown_has_dashes_for_unknown_values_and_escapes_bars():
     assert TABLE.markdown() == (
         '**t**\n\n| a | b | c |\n|---|---|---|\n| x\\|y | - | 1.235 |\n| - | 7 | - |\n\nso\n')
 
 
-def test_csv_has_nothing_there_and_five_digits():
+def test_csv_has_empty_unknown_values_and_five_digits():
     assert list(csv.reader(io.StringIO(TABLE.csv()))) == [
         ['a', 'b', 'c'], ['x|y', '', '1.23456'], ['', '7', '']]
 
 
-def test_one_number_of_digits_counts_for_all_columns_and_a_title_may_be_missing():
+def test_one_number_of_digits_applies_to_all_columns_and_titles_are_optional():
     table = Table(title='', columns=('a', 'b'), rows=[[1.25, 2]], digits=1)
     assert table.markdown() == '| a | b |\n|---|---|\n| 1.2 | 2 |\n'
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Scores of many vehicles, worked by hand."""
+"""Scores of many vehicles, by hand."""
 from __future__ import annotations
 
 import numpy as np
@@ -52,7 +52,7 @@ def test_one_vehicle_one_track():
     assert (score.lanes_wrong, score.lanes_sure) == (0, 12)
 
 
-def test_neighbours_are_told_apart_and_a_swap_shows():
+def test_neighbours_are_separated_and_a_swap_is_visible():
     pairs = [([_truth(k, 0), _truth(k, 1, lane=1)], [_update(k, 5, lane=1), _update(k, 6)])
              for k in range(12)]
     score = _score(pairs, [_pass(5, 20.0), _pass(6, 21.0)])
@@ -60,7 +60,7 @@ def test_neighbours_are_told_apart_and_a_swap_shows():
     assert (score.passes.mean_mps, score.passes.max_mps) == pytest.approx((0.5, 1.0))
 
 
-def test_split_rejected_missed_false_and_brief():
+def test_split_rejected_missed_false_and_brief_tracks():
     pairs = []
     for k in range(20):
         truth = [_truth(k, 0), _truth(k, 1, lane=1), _truth(k, 2, lane=2)]
@@ -77,7 +77,7 @@ def test_split_rejected_missed_false_and_brief():
             score.false_tracks, score.brief) == (3, 0, 1, 1, 1, 1, 1)
 
 
-def test_lanes_count_away_from_the_lines_only():
+def test_lanes_count_only_away_from_the_lines():
     pairs = [([_truth(k, 0, lateral=1.7 if k < 4 else 0.2)], [_update(k, 0, name='lane_1')])
              for k in range(10)]
     score = _score(pairs, [_pass(0)])
@@ -90,7 +90,7 @@ def test_occluded_far_or_cut_vehicles_need_not_be_measured():
         assert (score.vehicles, score.missed, score.brief) == (0, 0, 1)
 
 
-def test_rules_decide_who_counts_and_what_is_wrong():
+def test_rules_decide_which_vehicles_count_and_what_is_wrong():
     pairs = [([_truth(k, 0, width_px=30.0)], [_update(k, 0)]) for k in range(12)]
     assert _score(pairs, [_pass(0)]).vehicles == 0
     near = _score(pairs, [_pass(0)], TrafficRules(seen_px=30.0))
@@ -100,7 +100,7 @@ def test_rules_decide_who_counts_and_what_is_wrong():
     assert _score(pairs, [_pass(0)], TrafficRules(seen_px=30.0, seen_pairs=13)).vehicles == 0
 
 
-def test_a_table_of_one_stream_by_hand():
+def test_table_of_one_stream_by_hand():
     pairs = [([_truth(k, 7)], [_update(k, 0, speed=20.0 + 0.44704)]) for k in range(12)]
     score = _score(pairs, [_pass(0, 20.0 - 0.044704, 0.05)])
     assert traffic_table('a', score, 12.34).markdown().splitlines()[-1] == (

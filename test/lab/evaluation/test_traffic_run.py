@@ -55,7 +55,7 @@ def test_refined_lanes_are_nearer_to_the_true_ones():
     assert off_m[0] > 0.01 and off_m[1] < 0.1 * off_m[0]
 
 
-def test_a_pipeline_that_is_given_no_annotations_misses_every_vehicle(tmp_path):
+def test_pipeline_without_annotations_misses_every_vehicle(tmp_path):
     site = traffic_site(CONFIG, 0, LineKnowledge.PICKED)
     result = measure_traffic(dark_pairs(8), site.pipeline(PipelineConfig(), ()), 8)
     score = result.score(TrafficRules(seen_s=1.4))

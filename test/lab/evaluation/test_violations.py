@@ -56,7 +56,7 @@ def decided(kmh, place=lambda n: (0.1, 1.0, 50.3 - 2 * n), step_ns=STEP_NS):
     (decided(72.0, step_ns=STEP_NS // 2), 0, 0),  # stamps that a fault has changed
 ], ids=['right', '2.9 above', '2.8 below', '3.1 above', '3.1 below', 'other vehicle', 'nothing',
         'other stamps'])
-def test_what_is_wrong_is_told(stream, speed, vehicle):
+def test_wrong_records_are_reported(stream, speed, vehicle):
     found = stream.scored('none', TRUTH, LIMIT_MPS)
     assert (found['wrong_speed'], found['wrong_vehicle']) == (speed, vehicle)
     assert len(found['details']) == max(speed, vehicle)
@@ -64,7 +64,7 @@ def test_what_is_wrong_is_told(stream, speed, vehicle):
     assert found['recorded'] == (0 if 'vehicles [-1' in str(found['details']) else 1)
 
 
-def test_a_vehicle_within_the_limit_is_told():
+def test_vehicle_within_the_limit_is_reported():
     found = decided(72.0).scored('none', TRUTH, 75 * KMH_MPS)
     assert (found['violations'], found['not_violating']) == (0, 1)
 
@@ -84,7 +84,7 @@ def test_every_fault_has_its_streams_and_its_row():
     assert rows['all'][columns.index('share')] == '50 %'
 
 
-def test_what_the_second_estimate_rejects_is_counted():
+def test_rejections_by_the_second_estimate_are_counted():
     stream = decided(72.0)
     apart = replace(stream.passes[0], second=SecondEstimate(18.0, 0.2, 8))
     none = replace(stream.passes[0], second=SecondEstimate(None, None, 2))

@@ -20,7 +20,7 @@ def make_rig():
 
 
 def circle(a):
-    """Give points of a circle of 60 m that comes nearer and downhill."""
+    """Return points of a circle of 60 m radius that comes nearer and downhill."""
     return np.stack([-6 + 60 * (1 - np.cos(a)), 1 + 4 * a, 60 - 60 * np.sin(a)], axis=-1)
 
 
@@ -39,7 +39,7 @@ def test_curve_from_two_views_picked_independently():
     StraightPath(np.array([0.0, 0, 60]), np.array([0.0, 0, -1]), 50.0),
     SplinePath(circle(np.linspace(0, 0.8, 30)))], ids=['straight', 'circle'])
 def test_chord_and_motion(path):
-    """The chord is the distance asked for, and the motion carries frame and point."""
+    """The chord has the requested length, and the motion maps frame and point."""
     s0 = np.array([0.0, 5.0, 12.0])
     s1 = chord_step(path, s0, 4.0)
     gap = np.linalg.norm(path.position(s1) - path.position(s0), axis=-1)

@@ -23,7 +23,7 @@ def make_rig(d=()):
 
 
 def make_scene(rng, particles=5):
-    """Make particles' planes, the four corners on each, and motions."""
+    """Return particles' planes, the four corners on each, and motions."""
     normals = np.array([0.05, 0.1, -1.0]) + rng.normal(0, 0.1, (particles, 3))
     n, d = plane.plane_through(np.array([-2.0, 1.0, 50.0]), normals)
     rays = np.array([[-0.06, 0.0, 1], [-0.02, 0.0, 1], [-0.02, 0.04, 1], [-0.06, 0.04, 1]])
@@ -49,7 +49,7 @@ def test_quads_follow_the_points_of_the_plane(lens):
         plane.carry_to_right(rig, wanted[0], n1, d1), wanted[1], atol=1e-6)
 
 
-def test_pixel_homographies_are_opencv_s():
+def test_pixel_homographies_equal_opencv():
     """Eq. 5 and 15 in pixels against cv2.getPerspectiveTransform of the four corners."""
     rig = make_rig()
     n, d, corners, rotation, translation = make_scene(np.random.default_rng(5), 3)
@@ -75,7 +75,7 @@ def test_hand_worked():
     np.testing.assert_allclose(uv, [[511.5 + 50, 383.5 - 25]])
 
 
-def test_motion_in_right_is_eq_8():
+def test_motion_in_right_equals_eq_8():
     """The same as the 4x4 product T dT T^-1."""
     rig = make_rig()
     rotation, translation = cv2.Rodrigues(np.array([0.1, 0.2, -0.1]))[0], np.array([1.0, 2, 3])

@@ -29,7 +29,7 @@ def make_picks(rig):
     return rig.project(START + a * TRAVEL)[0], rig.project(START + b * TRAVEL)[1]
 
 
-def test_line_comes_back_exactly():
+def test_line_is_recovered_exactly():
     """Noise-free picks through distortion give the line, its start and its direction."""
     rig = make_rig()
     path = straight.straight_path(rig, *make_picks(rig))
@@ -66,7 +66,7 @@ def test_line_in_the_epipolar_plane_has_no_direction():
     assert np.isnan(straight.direction(straight.plucker_line(rig, flat, flat))).all()
 
 
-def test_moved_pixels_are_the_projections_and_the_homography():
+def test_moved_pixels_equal_the_projections_and_the_homography():
     """Eq. 22 and 23 agree with moved points and with eq. 5."""
     rig = make_rig(d=())
     points = np.array([[-2.0, 1.0, 40.0], [1.0, 0.5, 40.0]])

@@ -28,7 +28,7 @@ def _run(flow, until_s, step_s=0.1):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_nobody_touches_and_all_drive_past(seed):
+def test_no_vehicles_collide_and_all_drive_past(seed):
     # Twice the usual density, and every vehicle has a plan.
     config = TrafficConfig(minutes=4.0, vehicles=160, change_share=0.4, brake_share=0.5,
                            follow_share=0.5)
@@ -51,7 +51,7 @@ def test_nobody_touches_and_all_drive_past(seed):
     assert all(2.0 <= c.last_s <= 6.0 for c in changed.values())
 
 
-def test_place_is_the_integral_of_the_speed():
+def test_position_is_the_integral_of_the_speed():
     flow = _flow(TrafficConfig(minutes=1.0, vehicles=20, brake_share=1.0), 0)
     before, slowest, steps = {}, 99.0, 0
     for _, drivers in _run(flow, 40.0, STEP_S):
@@ -70,7 +70,7 @@ def test_place_is_the_integral_of_the_speed():
     assert len(before) == 20 and steps > 2000 and slowest < 0.8
 
 
-def test_followers_keep_their_headway_behind_a_slow_one():
+def test_followers_keep_their_headway_behind_a_slow_vehicle():
     config = TrafficConfig(
         scene=SimConfig(road=RoadConfig(lanes=1)), minutes=2.0, vehicles=30, follow_share=0.9,
         change_share=0.0, brake_share=0.0)
@@ -82,7 +82,7 @@ def test_followers_keep_their_headway_behind_a_slow_one():
     assert np.median(gaps) < 3.0
 
 
-def test_oncoming_lanes_are_never_changed_to():
+def test_no_lane_change_into_an_oncoming_lane():
     config = TrafficConfig(scene=SimConfig(road=RoadConfig(lanes=3, receding=(2,))))
     assert config.same_way(0, 1) and not config.same_way(1, 2) and not config.same_way(2, 3)
     busy = replace(config, minutes=2.0, vehicles=80, change_share=1.0)
@@ -103,6 +103,6 @@ def test_smooth_step_by_hand():
 @pytest.mark.parametrize('field, value', [
     ('minutes', 0.0), ('vehicles', 0), ('hardest_g', 0.9), ('headway_s', (2.0, 1.0)),
     ('lane_shares', (1.0,)), ('change_s', (0.1, 2.0))])
-def test_what_cannot_drive_is_refused(field, value):
+def test_invalid_vehicles_are_refused(field, value):
     with pytest.raises(InputError, match=field):
         TrafficConfig(**{field: value})

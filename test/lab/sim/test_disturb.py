@@ -34,7 +34,7 @@ def _disturber(grain=(0.0, 0.0), **what):
 
 
 def _waves(shift_px=0.0):
-    """Return smooth waves across the columns, moved to the right."""
+    """Return smooth waves across the columns, shifted to the right."""
     u = np.arange(SMALL.width_px) - shift_px
     return np.tile(120.0 + 80.0 * np.sin(u / 6.0), (SMALL.height_px, 1))
 
@@ -45,7 +45,7 @@ def _grainy(grey, sigma, seed=1):
 
 
 @pytest.mark.parametrize('camera', [LEFT, RIGHT])
-def test_camera_that_turns_sees_the_far_elsewhere(camera):
+def test_rotated_camera_moves_distant_points(camera):
     disturber = _disturber(turn_deg=(0.2, 0.0, 0.0), camera=camera)
     image = np.rint(_waves()).astype(np.uint8)
     # By hand: what lay at angle a off the axis is at a - 0.2 degrees after a pan to the right.
@@ -56,12 +56,12 @@ def test_camera_that_turns_sees_the_far_elsewhere(camera):
     np.testing.assert_array_equal(disturber.disturbed(image, STAMPS_NS[5], 1 - camera), image)
 
 
-def test_turn_comes_when_it_is_wanted():
+def test_rotation_comes_at_its_time():
     disturber = _disturber(turn_deg=(0.0, 0.5, 0.0), turn_s=2.0)
     assert [k for k in range(40) if disturber.motion(k, RIGHT)] == list(range(10, 40))
 
 
-def test_sway_is_the_same_in_both_views_and_of_the_width_wanted():
+def test_sway_is_equal_in_both_views_and_has_its_amplitude():
     disturber = _disturber(sway_deg=0.1)
     sway = np.degrees([disturber.motion(k, LEFT).sway_rad for k in range(40)])
     # The variance of 120 normal values is within 4 of its 1-sigmas, sqrt(2 / 120).
@@ -71,13 +71,13 @@ def test_sway_is_the_same_in_both_views_and_of_the_width_wanted():
 
 
 @pytest.mark.parametrize('what', [{'turn_deg': (0.05, 0.05, 0.0)}, {'defocus_px': 2.0}])
-def test_grain_is_as_strong_as_it_was(what):
+def test_grain_keeps_its_strength(what):
     image = _grainy(120.0, 3.0)
     found = _disturber((0.0, 3.0), **what).disturbed(image, STAMPS_NS[0], RIGHT)
     assert found.std() == pytest.approx(image.std(), rel=0.03)
 
 
-def test_grain_of_a_picture_is_what_was_added():
+def test_grain_of_an_image_is_estimated():
     images = [_grainy(_waves(), 2.0, seed) for seed in range(4)]
     for k, image in enumerate(images):
         image[50 * k:50 * k + 50] = 250  # a passing object
@@ -86,7 +86,7 @@ def test_grain_of_a_picture_is_what_was_added():
     assert grain_grey(images[:1]) == 0.0
 
 
-def test_exposure_steps_are_those_of_the_pair():
+def test_exposure_steps_are_shared_by_the_pair():
     disturber = _disturber(exposure_step=0.15)
     image = np.full((SMALL.height_px, SMALL.width_px), 100, np.uint8)
     image[100:120, 100:120] = 255
@@ -98,7 +98,7 @@ def test_exposure_steps_are_those_of_the_pair():
     assert all(one[110, 110] == 255 for one in left)  # clipped light stays so
 
 
-def test_camera_out_of_focus_spreads_edges():
+def test_defocused_camera_spreads_edges():
     step = np.where(np.arange(SMALL.width_px) < 160, 50.0, 200.0)
     image = np.tile(step, (SMALL.height_px, 1)).astype(np.uint8)
     disturber = _disturber(defocus_px=2.0)
@@ -109,7 +109,7 @@ def test_camera_out_of_focus_spreads_edges():
     np.testing.assert_array_equal(disturber.disturbed(image, STAMPS_NS[0], LEFT), image)
 
 
-def test_sixteen_bits_stay_sixteen_bits():
+def test_sixteen_bit_images_stay_sixteen_bit():
     image = np.full((SMALL.height_px, SMALL.width_px), 30000, np.uint16)
     found = _disturber(exposure_step=0.5).disturbed(image, STAMPS_NS[0], LEFT)
     assert found.dtype == np.uint16 and 15000 <= found[0, 0] <= 45000 and found[0, 0] != 30000
@@ -132,7 +132,7 @@ def _messages(bag):
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_bag_keeps_all_but_its_images(recorded, tmp_path, storage):
+def test_bag_keeps_everything_but_its_images(recorded, tmp_path, storage):
     what = Disturbance(turn_deg=(0.0, 0.0, 1.0))
     source = recorded / storage / 'bag'
     for name in ('one', 'two'):
@@ -158,7 +158,7 @@ def test_bag_keeps_all_but_its_images(recorded, tmp_path, storage):
     assert len(list((tmp_path / 'one/bag').glob(f'*.{suffix}'))) == 1
 
 
-def test_topics_without_a_header_are_kept_as_they_are_offered(recorded, tmp_path):
+def test_topics_without_a_header_are_kept_with_their_qos(recorded, tmp_path):
     store = get_typestore(Stores.ROS2_JAZZY)
     source = tmp_path / 'with_words'
     with AnyReader([recorded / 'mcap/bag']) as reader, Writer(source, version=9) as writer:
@@ -184,14 +184,14 @@ def test_topics_without_a_header_are_kept_as_they_are_offered(recorded, tmp_path
     ('mcap/bag', ['--sway-deg', '5'], '5 is not in [0, 2]'),
     ('ros1/bag.bag', ['--sway-deg', '0.1'], 'found one of ROS 1'),
     ('nowhere', ['--sway-deg', '0.1'], 'no such file or folder')])
-def test_nonsense_is_refused_in_one_line(recorded, tmp_path, capsys, bag, options, told):
+def test_invalid_options_are_refused_in_one_line(recorded, tmp_path, capsys, bag, options, told):
     out = tmp_path / 'out'
     assert cli.main(['disturb', str(recorded / bag), '--out', str(out), *options]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and told in lines[0] and not out.exists()
 
 
-def test_folder_that_is_taken_is_left_alone(recorded, tmp_path):
+def test_existing_folder_is_left_alone(recorded, tmp_path):
     (tmp_path / 'mine').write_text('kept')
     with pytest.raises(InputError, match='something there already'):
         disturb_bag(recorded / 'mcap/bag', tmp_path, Disturbance(sway_deg=0.1),

@@ -38,7 +38,7 @@ def _clipped_columns(image):
 
 
 @pytest.mark.parametrize('light', [2e4, 2e5, 2e6])
-def test_a_point_of_light_clips_as_wide_as_the_point_spread_says(light):
+def test_point_light_clips_as_wide_as_the_point_spread_predicts(light):
     image = np.full(SIZE[::-1], 40.0, np.float32)
     image[96, 128] += light
     seen = _optics(LENS).spread(image, 0)
@@ -51,7 +51,8 @@ def test_a_point_of_light_clips_as_wide_as_the_point_spread_says(light):
     assert _clipped_columns(seen) == pytest.approx(2 * brentq(gap, 0, 100), abs=0.5)
 
 
-def test_a_clipped_lamp_is_wider_by_pixels_that_do_not_depend_on_its_range():
+def test_clipping_widens_a_lamp_by_a_constant_number_of_pixels():
+    """The number does not depend on its range."""
     eye = Eye(rig_views(SimScene(straight_config()).rig)[0])
     wide_m, grown, ratio = 0.3, [], []
     for z in (80.0, 40.0, 20.0):
@@ -67,7 +68,7 @@ def test_a_clipped_lamp_is_wider_by_pixels_that_do_not_depend_on_its_range():
     assert ratio[0] > ratio[1] > ratio[2]
 
 
-def test_faults_are_those_of_one_camera_and_stay():
+def test_faults_affect_one_camera_and_persist():
     rng = np.random.default_rng(1)
     one, other = (rng.uniform(20, 200, SIZE[::-1]).astype(np.float32) for _ in range(2))
     dirty = _optics(faults=FaultConfig(dirt=6, dirt_depth=0.5, dirt_px=20.0))
@@ -81,7 +82,7 @@ def test_faults_are_those_of_one_camera_and_stay():
     assert soft.spread(one, 1).var() == pytest.approx(one.var() / (16 * np.pi), rel=0.15)
 
 
-def test_an_exposure_step_scales_both_views_of_a_pair_and_no_truth():
+def test_exposure_step_scales_both_views_of_a_pair_and_no_truth():
     config = SimConfig(rig=TINY, pairs=8, fps=5.0, noise_grey=0.0, exposure=0.6)
     stepped = replace(config, faults=FaultConfig(exposure_step=0.15))
     base, found = (simulate(c, np.random.default_rng(0)) for c in (config, stepped))
@@ -95,7 +96,7 @@ def test_an_exposure_step_scales_both_views_of_a_pair_and_no_truth():
     assert 0.84 < min(gains) < 0.95 and 1.05 < max(gains) < 1.16
 
 
-def test_a_lamp_is_mirrored_where_its_mirror_image_projects():
+def test_lamp_reflection_is_where_its_mirror_image_projects():
     scene = SimScene(straight_config())
     foot = scene.point(35.0, 0.0)
     lamp, mirrored = foot + 0.7 * scene.up, foot - 0.7 * scene.up
@@ -114,7 +115,7 @@ def test_a_lamp_is_mirrored_where_its_mirror_image_projects():
         assert not dry.any()
 
 
-def test_a_highlight_lies_where_paint_is_turned_to_the_sun_and_differs_between_the_views():
+def test_highlight_is_where_paint_faces_the_sun_and_differs_between_views():
     # A pane of 1 m, bowed by 5 cm at its edges, upright across the line of sight at 20 m.
     bow_m, z_m, rows, columns = 0.05, 20.0, 48, 64
     x = (np.arange(columns) + 0.5) / columns * 2 - 1
@@ -146,7 +147,7 @@ def test_a_highlight_lies_where_paint_is_turned_to_the_sun_and_differs_between_t
     assert places[1] - places[0] > 0.02  # on the paint, m
 
 
-def test_lamps_are_as_bright_at_night_and_everything_else_is_dark():
+def test_at_night_lamps_stay_bright_and_everything_else_is_dark():
     lit = VehicleConfig(solid=True, lamp_grey=20000.0)
     images = []
     for light in (None, WET_NIGHT):

@@ -121,13 +121,13 @@ SWEEP = [
 
 @pytest.mark.parametrize('of, name, change, value', SWEEP,
                          ids=[f'{of.__name__}.{name}' for of, name, *_ in SWEEP])
-def test_a_field_changes_what_it_says(of, name, change, value):
+def test_field_has_the_effect_it_describes(of, name, change, value):
     base, other = _outcome(change({})), _outcome(change({name: value}))
     part = 1 if name in STAMPS else 2 if name in FILES else 0
     assert base[part] != other[part]
 
 
-def test_the_sweep_misses_no_field():
+def test_no_field_is_missing_from_the_tests():
     swept = {(of, name) for of, name, *_ in SWEEP}
     assert swept == {(of, f.name) for of, *_ in SWEEP for f in fields(of)}
 
@@ -155,7 +155,7 @@ def _picture(body, receding=()):
 
 @pytest.mark.parametrize('receding', [(), (0,)])
 @pytest.mark.parametrize('kind', sorted(BODIES))
-def test_relief_contrast_and_size_are_drawn_of_every_kind(kind, receding):
+def test_relief_contrast_and_size_are_drawn_for_every_kind(kind, receding):
     base = _picture(VehicleConfig(kind=kind).body, receding)
     for name in ('texture_contrast', 'relief_m', 'front_width_m', 'front_height_m',
                  'clearance_m'):
@@ -183,7 +183,7 @@ TRAFFIC = {
     'before_s': 30.0, 'clear_s': 1.0}
 
 
-def test_every_field_of_traffic_changes_who_drives_where():
+def test_every_traffic_field_changes_the_drivers():
     assert set(TRAFFIC) == {field.name for field in fields(TrafficConfig)}
     base = TrafficConfig(
         scene=SimConfig(road=RoadConfig(lanes=3)), minutes=1.0, vehicles=30, change_share=0.5,

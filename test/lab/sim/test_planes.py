@@ -35,7 +35,7 @@ def test_plain_plane_covers_its_area():
         assert float(image.sum()) / 100 == pytest.approx(area, rel=3e-3)
 
 
-def test_polygons_are_cut_before_the_camera():
+def test_polygons_are_clipped_before_the_camera():
     square = np.array([[0.0, 0, -1], [1, 0, -1], [1, 0, 3], [0, 0, 3]])
     cut = clip_near(square, 1.0)
     np.testing.assert_allclose(sorted(cut[:, 2]), [1, 1, 3, 3])
@@ -50,7 +50,7 @@ def test_polygons_are_cut_before_the_camera():
     (((12, 16), (1, 3)), ((10, 25), (4, 6)), -1),
     (((10, 25), (-6, -4)), ((12, 16), (1, 3)), 0),  # the camera looks between them
 ])
-def test_what_may_occlude_what(mine, other, wanted):
+def test_possible_occluders(mine, other, wanted):
     assert Footprint(*mine).behind(Footprint(*other)) == wanted
 
 
@@ -75,7 +75,7 @@ def _item(scene, kind, station, offset, number):
         Vehicle(number, body, lambda _: place), 0.0), number)
 
 
-def test_share_seen_of_a_front():
+def test_visible_share_of_a_front():
     scene = SimScene(straight_config(camera_side_m=0.0))
     eye = Eye(rig_views(scene.seen_rig)[0])
     far = _item(scene, 'car', 10.0, 0.0, 0)
@@ -90,7 +90,7 @@ def test_share_seen_of_a_front():
 
 @pytest.mark.parametrize('kind', sorted(set(BODIES) - {'motorcycle'}))
 @pytest.mark.parametrize('rear', [False, True])
-def test_planes_of_bodies_are_rectangles_that_close(kind, rear):
+def test_planes_of_bodies_are_closed_rectangles(kind, rear):
     rng = np.random.default_rng(1)
     body = draw_body_size(kind, rng)
     scene = SimScene(straight_config(road=RoadConfig(receding=(0,) if rear else ())))
@@ -128,7 +128,7 @@ def test_people_walk_and_trees_sway():
     assert np.abs(images[0] - images[1]).max() > 8.0
 
 
-def test_noise_and_exposure_are_as_asked():
+def test_noise_and_exposure_are_as_configured():
     config = SimConfig(noise_grey=3.0, right_gain=0.9, right_offset_grey=5.0, exposure=0.5)
     sensor = Sensor(config, LightConfig(drift=0.1), np.random.default_rng(0))
     image = np.full((768, 1024), 100.0, np.float32)
@@ -142,7 +142,7 @@ def test_noise_and_exposure_are_as_asked():
     assert 0.45 <= min(gains) < 0.48 and 0.52 < max(gains) <= 0.55
 
 
-def test_clouds_shade_the_ground_in_both_views_alike():
+def test_clouds_shade_the_ground_equally_in_both_views():
     scene = SimScene(straight_config(light=DAY))
     tile = cloud_tile(np.random.default_rng(3))
     eyes = [Eye(view) for view in rig_views(scene.seen_rig)]

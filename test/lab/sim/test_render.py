@@ -73,7 +73,7 @@ def _brute(camera, corners_px, texture, size_m, box):
 
 
 def _shift(image, reference):
-    """Return how far an image lies to the right of and below its reference, px."""
+    """Return the offset of an image to the right of and below its reference, px."""
     mean = (image + reference) / 2
     gy, gx = np.gradient(mean)
     terms = np.stack([gx.ravel(), gy.ravel(), np.ones(gx.size), mean.ravel()], axis=1)
@@ -148,7 +148,7 @@ def test_relief_is_drawn_where_its_surface_projects(kind, receding):
     assert abs(shifts[0][0] - shifts[1][0]) < 0.01
 
 
-def test_front_of_one_grey_has_its_centroid_at_the_projected_area():
+def test_uniform_front_has_its_centroid_at_the_projected_area():
     scene = SimScene(straight_config())
     vehicle = scene.vehicles[0]
     for t_s in (0.0, 1.3):
@@ -213,7 +213,7 @@ def test_markings_lie_on_the_lines(config):
 
 
 @pytest.mark.parametrize('model', ['plumb_bob', 'rational', 'equidistant'])
-def test_rays_on_a_grid_are_the_cameras(model):
+def test_rays_on_a_grid_equal_the_cameras(model):
     rig = SimScene(straight_config(
         rig=RIGS['distorted' if model == 'plumb_bob' else model])).rig
     view = View(rig.right, rig.R, rig.t)

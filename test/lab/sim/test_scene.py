@@ -30,7 +30,7 @@ def test_exposures_by_hand():
     assert {e.right_stamp_ns - e.stamp_ns for e in taken} == {3_000_000}
 
 
-def test_stamps_jitter_as_asked_and_keep_their_order():
+def test_stamps_jitter_as_configured_and_keep_their_order():
     taken = _exposures(400, fps=10.0, stamp_jitter_s=0.01, right_stamp_jitter_s=2e-4)
     off_s = np.array([e.t_s for e in taken]) - np.arange(400) / 10
     # The standard deviation of 399 draws is known to 3.5 %.
@@ -58,7 +58,7 @@ def test_drift_is_the_rate_of_the_offset():
 
 
 @pytest.mark.parametrize('receding', [(), (0,)])
-def test_a_front_heads_where_it_goes(receding):
+def test_front_heads_in_its_direction_of_motion(receding):
     """Its travel axis is the direction in which the point below it moves."""
     scene = SimScene(straight_config(
         road=RoadConfig(grade=0.04, receding=receding),

@@ -33,7 +33,7 @@ def test_circle_by_hand(radius):
     RoadConfig(), RoadConfig(curvature_start=1 / 41, curvature_end=1 / 41),
     RoadConfig(curvature_start=-1 / 60, curvature_end=-1 / 60), CLOTHOID,
     RoadConfig(curvature_start=-0.02, curvature_end=0.02)])
-def test_station_undoes_position(config):
+def test_station_inverts_position(config):
     road = Road(config)
     s = np.linspace(-20.0, 60.0, 81)
     for offset in (-3.0, 0.0, 5.5):
@@ -43,7 +43,7 @@ def test_station_undoes_position(config):
 
 
 @pytest.mark.parametrize('config', [RoadConfig(grade=0.1), CLOTHOID])
-def test_frame_is_the_derivative(config):
+def test_frame_equals_the_derivative(config):
     road = Road(config)
     for s, n in ((3.0, 0.0), (25.0, 3.7), (50.0, -2.0)):
         step = road.position(s + 1e-4, n) - road.position(s - 1e-4, n)
@@ -75,14 +75,14 @@ def test_speed_and_lateral_knots():
     straight_config(), circle_config(), circle_config(road=CLOTHOID),
     straight_config(road=RoadConfig(grade=-0.05))])
 @pytest.mark.parametrize('lane', [0, 1])
-def test_truth_speed_is_the_path_speed_without_lateral_motion(config, lane):
+def test_true_speed_is_the_path_speed_without_lateral_motion(config, lane):
     config = replace(config, vehicles=(replace(config.vehicles[0], lane=lane),))
     scene = SimScene(config)
     row = scene.truth(scene.vehicles[0], 0.7, config.origin_ns)
     assert row['speed'] == pytest.approx(row['path_speed'], rel=1e-6)
 
 
-def test_pass_starts_and_ends_where_asked():
+def test_pass_starts_and_ends_as_configured():
     config = straight_config(camera_side_m=0.0, camera_pitch_deg=0.0)
     scene = SimScene(config)
     first = scene.front(scene.vehicles[0], 0.0)
@@ -102,7 +102,7 @@ def test_rig_is_as_configured(rig):
     assert angle == pytest.approx(0.0 if rig == 'parallel' else 1.8, abs=0.2)
 
 
-def test_picks_lie_on_their_lines_and_run_along_travel():
+def test_picks_lie_on_their_lines_in_order_of_travel():
     scene = SimScene(circle_config(pick_std_px=0.0, rig=RIGS['distorted']))
     site = picked_site(scene, np.random.default_rng(0))
     assert list(site['lines']) == ['edge_right', 'line_0', 'edge_left']
@@ -168,7 +168,7 @@ def test_moved_right_camera_by_hand(moved, centre_du, centre_dv):
         assert uv[1] == pytest.approx(-360.0 * math.sin(math.radians(0.1)))
 
 
-def test_picks_and_initial_fronts_are_of_the_moved_images():
+def test_picks_and_initial_fronts_are_of_the_displaced_camera():
     config = straight_config(pick_std_px=0.0, init_std_px=0.0)
     sites = [picked_site(SimScene(c), np.random.default_rng(0))
              for c in (config, replace(config, rig_moved_deg=(0.0, 0.1, 0.0)))]

@@ -25,7 +25,7 @@ SMALL = RigConfig(width_px=320, height_px=240, f_px=560.0)
 
 @pytest.fixture(scope='module')
 def short():
-    """Make a small sequence on a curve, seen by a converging, distorted rig."""
+    """Return a short sequence on a curve, seen by a converging, distorted rig."""
     rig = replace(RIGS['distorted'], width_px=320, height_px=240, f_px=560.0, right_f_px=550.0)
     return simulate(circle_config(rig=rig, pairs=3, stamp_jitter_s=0.01),
                     np.random.default_rng(7))
@@ -81,7 +81,7 @@ def test_two_vehicles_and_one_that_never_comes():
 
 
 @pytest.mark.parametrize('name', sorted(RIGS))
-def test_rectification_gives_the_rig_back(name):
+def test_rectification_recovers_the_rig(name):
     rig = make_rig(RIGS[name])
     r1, r2, p1, p2 = rectification(rig)
     np.testing.assert_allclose(r2.T @ r1, rig.R, atol=1e-12)
@@ -98,7 +98,7 @@ def test_rectification_gives_the_rig_back(name):
 @pytest.mark.parametrize('storage, encoding', [
     ('mcap', 'mono8'), ('sqlite3', 'bgr8'), ('ros1', 'mono8'), ('mcap', 'rgba8'),
     ('sqlite3', 'bayer_grbg8'), ('ros1', 'mono16')])
-def test_bag_gives_the_sequence_back(short, tmp_path, storage, encoding):
+def test_bag_recovers_the_sequence(short, tmp_path, storage, encoding):
     folder = write_bag(short, tmp_path / 'out', storage, encoding)
     with StereoBag(folder / ('bag.bag' if storage == 'ros1' else 'bag')) as bag:
         for side in ('left', 'right'):
@@ -140,7 +140,7 @@ def test_compressed_bag_and_files(short, tmp_path):
         assert int(whole) * 10 ** 9 + int(part) * 1000 == pair.stamp_ns
 
 
-def test_bad_requests_leave_nothing(short, tmp_path):
+def test_bad_requests_leave_no_files(short, tmp_path):
     for kwargs, match in (({'storage': 'zip'}, 'storage'), ({'encoding': 'yuv'}, 'encoding')):
         with pytest.raises(InputError, match=match):
             write_bag(short, tmp_path / 'out', **kwargs)

@@ -27,7 +27,7 @@ def _pose(body, receding=False):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_depth_changes_images_and_no_truth(kind):
+def test_depth_changes_images_but_no_truth(kind):
     flat = SimConfig(rig=TINY, pairs=3, fps=5.0, vehicles=(VehicleConfig(kind=kind),))
     solid = replace(flat, vehicles=(replace(flat.vehicles[0], solid=True, gloss=0.8,
                                             lamp_grey=4000.0),))
@@ -37,7 +37,7 @@ def test_depth_changes_images_and_no_truth(kind):
 
 
 @pytest.mark.parametrize('kind', sorted(set(KINDS) - {'motorcycle'}))
-def test_the_foremost_part_of_a_front_is_where_a_plane_would_be(kind):
+def test_foremost_part_of_a_front_is_where_the_plane_would_be(kind):
     rng = np.random.default_rng(3)
     for _ in range(3):
         body = replace(draw_body_size(kind, rng), relief_m=0.01)
@@ -51,7 +51,7 @@ def test_the_foremost_part_of_a_front_is_where_a_plane_would_be(kind):
 
 
 @pytest.mark.parametrize('rear', [False, True])
-def test_a_motorcycle_is_as_deep_as_it_is_wide(rear):
+def test_motorcycle_is_as_deep_as_it_is_wide(rear):
     body = replace(BODIES['motorcycle'], lamp_grey=3000.0)
     _, pose = _pose(body, rear)
     looks = looks_of(body, rear, np.random.default_rng(2))
@@ -78,7 +78,7 @@ def test_lamps_shine_ahead():
     assert beam(pose, above) == pytest.approx(0.08, abs=0.01)
 
 
-def test_lamps_of_solid_bodies_clip_when_they_are_bright():
+def test_bright_lamps_of_solid_bodies_clip():
     counts = []
     for grey in (0.0, 200.0, 8000.0):
         body = replace(BODIES['van'], solid=True, lamp_grey=grey)
@@ -91,6 +91,6 @@ def test_lamps_of_solid_bodies_clip_when_they_are_bright():
     assert counts[0] == 0 and counts[2] > 50 and counts[2] > 2 * counts[1]
 
 
-def test_a_front_alone_cannot_be_solid():
+def test_front_alone_cannot_be_solid():
     with pytest.raises(InputError, match='vehicle.solid'):
         straight_config(vehicles=(VehicleConfig(kind='', solid=True),))

@@ -31,7 +31,7 @@ def is_sound(one):
 
 
 @pytest.mark.parametrize('fault', sorted(set(FAULTS) - {'none'}))
-def test_a_fault_leaves_the_rest_of_the_stream_as_it_is(fault):
+def test_fault_leaves_the_rest_of_the_stream_unchanged(fault):
     pairs = taken(fault)
     sound = [one for one in pairs if is_sound(one)]
     if fault.startswith(('right_', 'stamp_jitter')):  # these hold from the start
@@ -58,13 +58,13 @@ def test_no_fault_changes_nothing():
     ('clock_30_ms_on', lambda one: (one.pair.stamp_ns - START_NS) % STEP_NS == 30_000_000),
     ('clock_an_hour_back', lambda one: one.pair.stamp_ns < START_NS - 3500 * 10 ** 9),
 ])
-def test_what_a_fault_does(fault, holds):
+def test_effect_of_each_fault(fault, holds):
     faulty = [one for one in taken(fault) if not is_sound(one)]
     # the first pair of a frozen view is as it was taken
     assert len(faulty) > 5 and all(map(holds, faulty))
 
 
-def test_time_starts_anew_when_it_jumps_back():
+def test_time_restarts_when_it_jumps_back():
     pairs = taken('clock_an_hour_on')
     assert sum(one.anew for one in pairs) >= 2
     assert all(is_sound(one) for one in pairs if one.anew)

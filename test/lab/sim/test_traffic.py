@@ -35,14 +35,14 @@ def _take(config, seed, count):
 
 @pytest.fixture(scope='module')
 def stream():
-    """Make 22 s of busy traffic in both directions, with lane changes and braking."""
+    """Return 22 s of busy traffic in both directions, with lane changes and braking."""
     config = replace(
         _config('overcast', receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
     with mock.patch.multiple(Eye, draw=lambda *_: None, fill=lambda *_: None):
         return config, _take(config, 3, 220)  # the truth needs no images
 
 
-def test_same_seed_same_stream_and_another_one_not():
+def test_same_seed_gives_the_same_stream_and_another_does_not():
     config = _config('dusk', receding=1, vehicles=15)
     one, two, other = _take(config, 1, 4), _take(config, 1, 4), _take(config, 2, 4)
     for a, b, c in zip(one, two, other):
@@ -54,7 +54,7 @@ def test_same_seed_same_stream_and_another_one_not():
 
 
 @pytest.mark.slow
-def test_truth_is_consistent_with_itself(stream):
+def test_truth_is_consistent(stream):
     """Speeds agree with the distance between pairs; positions lie along the lanes."""
     config, pairs = stream
     rows = {}
@@ -95,7 +95,7 @@ def test_fronts_lie_above_their_lanes(stream):
 
 
 @pytest.mark.slow
-def test_what_is_seen_of_fronts(stream):
+def test_visibility_of_fronts(stream):
     _, pairs = stream
     rows = [row for one in pairs for row in one.truth]
     shares = np.array([row['visible'] for row in rows])
@@ -108,8 +108,8 @@ def test_what_is_seen_of_fronts(stream):
 
 
 @pytest.mark.slow
-def test_vehicles_are_drawn_where_the_truth_says():
-    """Where a front is unoccluded the image differs from the empty road, and not beside it."""
+def test_vehicles_are_drawn_at_their_true_places():
+    """Where a front is unoccluded the image differs from the empty road, but not beside it."""
     config = _config('overcast', vehicles=30, noise_grey=0.0, poles=(), trees=(), people=())
     config = replace(config, scene=replace(config.scene, light=None))
     pairs = _take(config, 5, 70)
@@ -138,7 +138,7 @@ def test_gaps_drops_and_stamps():
     assert {one.pair.right_stamp_ns - one.pair.stamp_ns for one in pairs} == {4_000_000}
 
 
-def test_bag_of_traffic_can_be_read_back(tmp_path):
+def test_bag_of_traffic_is_readable(tmp_path):
     config = replace(_config(receding=1, vehicles=8), minutes=0.02)
     stream = TrafficStream(config, np.random.default_rng(0))
     folder = write_traffic_bag(stream, tmp_path / 'out')
@@ -197,7 +197,7 @@ def test_right_image_is_of_its_own_time():
         assert np.abs(one.pairs[k].right.astype(float) - one.pairs[k + 1].left).max() > 20
 
 
-def test_pole_hides_and_headlights_light():
+def test_pole_occludes_and_headlights_illuminate():
     base = straight_config(rig=SMALL, pairs=4, noise_grey=0.0,
                            vehicles=(VehicleConfig(kind='car'),))
     # A pole in the line of sight to the vehicle in its third pair.
@@ -216,7 +216,7 @@ def test_pole_hides_and_headlights_light():
     assert free.truth[2]['vehicle'] == 0
 
 
-def test_traffic_outdoors_has_every_kind_with_depth_and_lamps():
+def test_outdoor_traffic_has_every_kind_with_depth_and_lamps():
     for light in ('day', 'wet_night'):
         config = _config(light, outdoors=True)
         rng = np.random.default_rng(0)
@@ -260,7 +260,7 @@ def test_picked_site_of_traffic_gives_paths_along_travel(tmp_path, receding):
             np.testing.assert_allclose(lane.path.frame(at), frame * [way, way, 1.0], atol=0.01)
 
 
-def test_a_lane_between_lines_that_run_against_each_other_is_refused(tmp_path):
+def test_lane_between_opposing_lines_is_refused(tmp_path):
     stream = TrafficStream(traffic_config('day', 2, 1), np.random.default_rng(0))
     site = dict(stream.site)
     site['lanes'] = [{**site['lanes'][0], 'left': 'edge_left'}]

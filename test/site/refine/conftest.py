@@ -40,7 +40,7 @@ class Scene:
     exact: dict[str, LanePath]
 
     def off_px(self, name: str, uv_px: np.ndarray, right: bool) -> np.ndarray:
-        """Signed distances (n,) of pixels from a true line, as the turned rig sees it."""
+        """Return signed distances (n,) of pixels from a true line, as the rotated rig sees it."""
         scene = self.sequence.scene
         stations = np.arange(-60, scene.end_station_m + 40, 0.02)
         offset = np.full_like(stations, scene.road.line_offsets()[name])
@@ -76,9 +76,9 @@ FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
 class DrawnRoad:
     """
-    A level straight road with two markings, drawn by closed forms, and seen by a parallel rig.
+    A level straight road with two markings, drawn by closed forms and seen by a parallel rig.
 
-    :param off_m: by how much the road as it is known is wrong to the left.
+    :param off_m: error to the left of the known road.
     """
 
     def __init__(self, off_m: float = 0.0) -> None:
@@ -104,7 +104,7 @@ class DrawnRoad:
     def image(self, right: int, *, width_m: float = WIDTH_M, period_m: float = 0.0,
               noise: float = 0.0, seed: int = 0) -> np.ndarray:
         """
-        Draw a view: bands of that width, or kerbs that are lighter to the left for width 0.
+        Draw a view: bands of a width, or with width 0 kerbs that are lighter to the left.
 
         :param period_m: of a dash and its gap, of equal length; 0 for no gaps.
         """

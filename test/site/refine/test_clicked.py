@@ -25,14 +25,14 @@ ON = ClickDistance(0.2, -2.0)
     ({'n': ClickDistance(np.nan, np.nan), 'a': ON, 'b': ON, 'c': ClickDistance(4.0, 1.8)}, {'c'}),
     ({'a': ClickDistance(1.0, 0.91)}, {'a'}), ({'a': ClickDistance(1.0, 0.89)}, set()),
     ({}, set())])
-def test_lines_far_beside_their_clicks_where_others_lie_on_theirs(lines, wrong):
+def test_lines_are_too_far_off_where_others_lie_on_their_clicks(lines, wrong):
     """With clicks of 0.3 px, three sigmas of these and of what clicks do beside other lines."""
     assert not_clicked(lines, 0.3, 3.0) == wrong
 
 
 @pytest.mark.parametrize('right', (0, 1))
-def test_distances_are_those_of_the_drawing(drawn, right):
-    """Pixels 0.1 m beside a level line 3 m below lie f 0.1 / z off, times the slope's cosine."""
+def test_distances_equal_those_of_the_drawing(drawn, right):
+    """Pixels 0.1 m beside a level line 3 m below are off by f 0.1 / z times the slope's cosine."""
     z = np.linspace(40.0, 14.0, 9)
     points = np.column_stack([np.full(9, -2.0 + 0.1), np.full(9, 3.0), z])
     off_px, px_per_m = signed_distances(
@@ -52,7 +52,7 @@ def test_distances_are_those_of_the_drawing(drawn, right):
     ({'left': 0.13}, ('left',)),  # another band: the light beside a rail's shadow
     ({'left': 0.07}, ()),  # its edge was clicked
     ({'left': 0.13, 'right': 0.13}, ())])  # the rig was displaced since
-def test_a_band_beside_the_clicks_of_one_line_is_not_taken_for_it(drawn, off_m, lost):
+def test_band_beside_the_clicks_of_a_line_is_not_taken_for_it(drawn, off_m, lost):
     rng, z = np.random.default_rng(3), np.linspace(44.0, 13.0, 14)
     lines = {name: PickedLine(name, *(
         drawn.rig.project(np.column_stack([np.full(14, x + off_m.get(name, 0.0)),

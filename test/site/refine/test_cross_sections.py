@@ -22,7 +22,7 @@ def view(drawn):
 
 
 def test_places_and_scale(drawn, view):
-    """A metre across is f / z px along a row, of which a part is across the line."""
+    """A metre across is f / z px along a row, projected onto the line's normal."""
     ends = drawn.lines['right'].left_px[[0, -1]]
     sections = view.sections(ends)
     uv = view.seen(sections.s_m, np.zeros(len(sections.s_m)))
@@ -48,8 +48,8 @@ def test_grey_levels_are_read_across(drawn, view):
     assert np.all(np.diff(grey, axis=1)[known[:, 1:] & known[:, :-1]] > 0)  # to the left of travel
 
 
-def test_a_road_beside_the_camera_is_no_longer_than_the_image(drawn, view):
-    """Where a line passes the camera by, a metre of it is thousands of pixels."""
+def test_cross_section_beside_the_camera_is_limited_to_the_image(drawn, view):
+    """Where a line passes the camera a metre of it is thousands of pixels."""
     fit = drawn.fit
     problem, model = fit.problem, fit.problem.model
     leaving = replace(model, half_length_m=3 * model.half_length_m,
@@ -62,7 +62,7 @@ def test_a_road_beside_the_camera_is_no_longer_than_the_image(drawn, view):
     assert sections.arc_px.max() < 3 * np.hypot(640, 360)
 
 
-def test_a_road_behind_the_camera_has_none(drawn, view):
+def test_road_behind_the_camera_has_no_cross_sections(drawn, view):
     """There is nothing to read, and that is no error."""
     problem = drawn.fit.problem
     behind = replace(problem.model, centre_m=problem.model.centre_m * [1, 1, -1])
@@ -74,7 +74,7 @@ def test_a_road_behind_the_camera_has_none(drawn, view):
     assert line.steady(sections, 0.1).shape == (0,)
 
 
-def test_some_of_them(drawn, view):
+def test_cross_sections_can_be_selected(drawn, view):
     sections = view.sections(drawn.lines['right'].left_px[[0, -1]])
     some = np.arange(len(sections.s_m)) % 3 == 0
     taken = sections.take(some)

@@ -23,7 +23,7 @@ def images(count, rng, noise=2.0, scale=1, dtype=np.uint8):
 
 
 @pytest.mark.parametrize('scale, dtype', [(1, np.uint8), (257, np.uint16)])
-def test_traffic_is_gone_and_noise_averaged(scale, dtype):
+def test_traffic_is_removed_and_noise_averaged(scale, dtype):
     still, found = images(12, np.random.default_rng(0), scale=scale, dtype=dtype)
     background = clean_background(found, 'test')
     off = background.image - still
@@ -34,7 +34,7 @@ def test_traffic_is_gone_and_noise_averaged(scale, dtype):
     assert background.pairs == 12 and as_picture(background).dtype == np.uint8
 
 
-def test_light_that_sweeps_is_told_from_traffic_and_exposure():
+def test_sweeping_light_is_separated_from_traffic_and_exposure():
     """A lamp's light grows from 100 to 190; every other exposure is 15 % longer."""
     rng = np.random.default_rng(3)
     still, _ = images(1, rng)
@@ -53,17 +53,17 @@ def test_light_that_sweeps_is_told_from_traffic_and_exposure():
     assert clean_background(exposed[:4], 'test').change is None
 
 
-def test_two_images_of_which_each_shows_something_else():
+def test_two_images_with_different_content():
     still, found = images(2, np.random.default_rng(1))
     assert np.isfinite(clean_background(found, 'test').image).all()
 
 
-def test_one_image_tells_its_noise():
+def test_noise_is_estimated_from_one_image():
     still, found = images(1, np.random.default_rng(2))
     assert 1.7 < clean_background(found, 'test').noise_grey < 2.4
 
 
-def test_nothing_is_refused():
+def test_no_images_are_refused():
     with pytest.raises(InputError, match='pairs: found none'):
         backgrounds([], 'bag')
 

@@ -45,21 +45,21 @@ def test_sharper_view_gets_the_blur_of_the_other(dull):
     assert (left, right)[dull] is views[dull]
 
 
-def test_noise_is_that_of_what_was_blurred():
+def test_noise_is_that_of_the_blurred_images():
     view = _view(2)
     left, _ = equally_sharp((view, view), _lines([0.5], [np.hypot(0.5, 2.0)]))
     assert left.noise_grey == pytest.approx(left.image[8:-8, 8:-8].std(), rel=0.1)
 
 
 @pytest.mark.parametrize('blurs', [([], []), ([0.5], [0.55]), ([0.5, 0.5, 0.5], [0.5, 0.5, 2.0])])
-def test_views_that_most_lines_show_alike_stay(blurs):
+def test_views_that_most_lines_show_alike_stay_unchanged(blurs):
     views = _view(3), _view(4)
     assert equally_sharp(views, _lines(*blurs)) is views
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [4, 5])
-def test_camera_out_of_focus_has_not_turned(make_scene, seed):
+def test_camera_out_of_focus_is_not_taken_for_rotated(make_scene, seed):
     rig = replace(straight_config().rig, width_px=720, height_px=540, f_px=1250.0)
     scene = make_scene(straight_config(
         rig=rig, pairs=7, faults=FaultConfig(right_defocus_px=2.0)), seed)

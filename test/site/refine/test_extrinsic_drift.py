@@ -33,7 +33,7 @@ def test_one_angle_moved(axis):
         STD_DEG[axis], rel=0.1)
 
 
-def test_what_cannot_be_seen_stays_uncertain():
+def test_unobservable_angle_stays_uncertain():
     """An angle that the images do not show keeps its prior probability of having moved."""
     drift = decide_drift([FamilyDrift(
         0.0, np.zeros(3), np.diag(np.radians([5.0, 0.0003, 0.002])**2))])
@@ -42,7 +42,7 @@ def test_what_cannot_be_seen_stays_uncertain():
 
 
 @pytest.mark.slow
-def test_uncertainty_covers_the_decision():
+def test_uncertainty_includes_that_of_the_decision():
     """Over rigs drawn from the same prior the error has the claimed second moment."""
     rng = np.random.default_rng(0)
     covariance = np.diag(np.radians(STD_DEG)**2)
@@ -62,8 +62,8 @@ def test_uncertainty_covers_the_decision():
     assert np.all((ratio > 0.75) & (ratio < 1.3))
 
 
-def test_a_road_that_explains_as_much_keeps_a_pan_from_being_found():
-    """One family sees a pan of 30 sigmas; another, more likely by e^10, sees none."""
+def test_equally_good_road_without_a_pan_prevents_a_correction():
+    """One family finds a pan of 30 sigmas; another, more likely by e^10, finds none."""
     small = np.diag(np.radians([0.001, 0.0003, 0.002])**2)
     plane = FamilyDrift(0.0, np.radians([0.03, 0.0, 0.0]), small)
     assert decide_drift([plane]).moved

@@ -29,7 +29,7 @@ def test_ends_of_dashes():
     assert dash_ends(np.zeros(0), np.zeros(0), True, 8.0).size == 0
 
 
-def test_spacing_of_what_repeats():
+def test_spacing_of_repeated_marks():
     """Also with some missing; the 1-sigma is that of a straight line through them."""
     number = np.array([0, 1, 2, 4, 5, 7.0])
     rng, slopes = np.random.default_rng(1), []
@@ -44,11 +44,11 @@ def test_spacing_of_what_repeats():
 
 
 @pytest.mark.parametrize('places', [[], [1.0, 10.0], [0.0, 1.0, 2.0, 3.0]])
-def test_what_does_not_repeat_has_no_spacing(places):
+def test_irregular_marks_have_no_spacing(places):
     assert math.isnan(spacing_of(np.array(places), 9.0)[0])
 
 
-def test_wrong_beyond_what_chance_allows():
+def test_length_is_wrong_beyond_what_chance_allows():
     near = LengthCheck('l', 3.0, 0.03, 3.14, 0.04, 3.0)
     assert near.off_sigmas == pytest.approx(2.8) and not near.wrong
     assert replace(near, most_sigmas=2.0).wrong and replace(near, measured_m=3.2).wrong
@@ -57,7 +57,7 @@ def test_wrong_beyond_what_chance_allows():
 
 @pytest.mark.slow
 def test_lengths_of_a_drawn_road(drawn, drawn_refined):
-    """Lines 3.5 m apart, dashes every 8 m, two points 5 m apart; and what cannot be measured."""
+    """Lines 3.5 m apart, dashes every 8 m, two points 5 m apart; and unmeasurable lengths."""
     points = np.array([[-2.0, 3, 20], [1, 3, 24]])
     known = (KnownLength('apart', 3.5, 0.01, LinesApart(('right', 'left'))),
              KnownLength('dashes', 8.0, 0.01, DashPeriod('right')),
@@ -81,7 +81,7 @@ def test_lengths_of_a_drawn_road(drawn, drawn_refined):
     assert [math.isnan(c.measured_m) for c in check_lengths(unseen)] == [False, True, False, True]
 
 
-def test_clicked_points_without_a_sigma_are_as_good_as_the_prior_says(drawn, drawn_refined):
+def test_clicked_points_without_a_sigma_get_that_of_the_prior(drawn, drawn_refined):
     points = drawn.rig.project(np.array([[-2.0, 3, 20], [1, 3, 24]]))[:2]
     stds = []
     for std, prior_px in ((0.6, 0.3), (None, 0.6), (None, 0.3)):

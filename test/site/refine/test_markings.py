@@ -34,7 +34,7 @@ def test_bands_are_found_to_hundredths_of_a_pixel(drawn_off, name, right):
     assert again.shape.width_m == pytest.approx(WIDTH_M, abs=0.01)
 
 
-def test_without_noise_only_the_floor_is_left(drawn):
+def test_only_the_floor_remains_without_noise(drawn):
     config = RefineConfig(floor_std_px=0.05)
     found = locate(drawn.view('right', 0, drawn.image(0)), ends(drawn, 'right', 0), config=config)
     assert np.abs(drawn.off_px('right', found.uv_px, 0)).max() < 0.01
@@ -61,7 +61,7 @@ def test_gaps_and_poles_are_left_out(drawn):
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
-def test_what_lamps_sweep_does_not_count(drawn):
+def test_places_swept_by_lamps_do_not_count(drawn):
     """There a marking may appear displaced."""
     image, change = drawn.image(0, noise=1.0), np.zeros((180, 320), np.float32)
     near = slice(250, None)
@@ -81,7 +81,7 @@ def test_bare_road_has_no_line(drawn, noise):
     assert locate(drawn.view('right', 0, bare, max(noise, 1.0)), ends(drawn, 'right', 0)) is None
 
 
-def test_the_search_reaches_as_far_as_it_is_told(draw):
+def test_search_range_is_a_parameter(draw):
     """A road known to 40 cm is 8 to 30 px off: a search of 35 px finds its line, of 3 px not."""
     road = draw(0.4)
     view = road.view('right', 0, road.image(0))
@@ -90,6 +90,6 @@ def test_the_search_reaches_as_far_as_it_is_told(draw):
     assert locate(view, ends(road, 'right', 0), config=RefineConfig(search_px=3.0)) is None
 
 
-def test_a_line_too_short_is_none(drawn):
+def test_too_short_line_is_not_found(drawn):
     a = ends(drawn, 'right', 0)[0]
     assert locate(drawn.view('right', 0, drawn.image(0)), np.stack([a, a + 3.0])) is None

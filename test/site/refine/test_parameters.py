@@ -33,7 +33,7 @@ FIELDS = {**{n: f for n, f in parameters_of(RefineConfig) if n not in ELSEWHERE}
 
 
 def configured(name: str, value: Any) -> tuple[RefineConfig, RoadPrior]:
-    """Return the parameters with one of them set; no name sets none."""
+    """Return the parameters with one of them set, or none."""
     if name in {f for f, _ in parameters_of(RoadPrior)}:
         return RefineConfig(), RoadPrior(**{name: value})
     return RefineConfig(**({name: value} if name else {})), RoadPrior()
@@ -86,7 +86,7 @@ def results(drawn, drawn_off, drawn_refined) -> Mapping[str, Callable[..., Any]]
 
 @pytest.fixture(scope='module')
 def outcome(results) -> Callable[[str, str, Any], Any]:
-    """Return the function from a result, a parameter and its value to what comes of it."""
+    """Return the function from a result, a parameter and its value to the outcome."""
     @lru_cache(maxsize=None)
     def of(result: str, name: str, value: Any) -> Any:
         return results[result](*configured(name, value))

@@ -27,7 +27,7 @@ PAN_DEG = 0.02
 
 
 def shaded(pair, number):
-    """Put a pole before the road and a lasting shadow across it."""
+    """Draw a pole in front of the road and a lasting shadow across it."""
     left, right = pair.left.copy(), pair.right.copy()
     for image in (left, right):
         image[230:260] = (image[230:260] * 0.6).astype(np.uint8)
@@ -37,7 +37,7 @@ def shaded(pair, number):
 
 @pytest.fixture(scope='module')
 def drifted(make_scene):
-    """Give a straight road by a panned rig, with a pole and a shadow, and its refined site."""
+    """Return a straight road seen by a panned rig, with pole and shadow, and its refined site."""
     config = straight_config(rig_moved_deg=(PAN_DEG, 0.0, 0.0), pairs=7,
                              rig=replace(straight_config().rig, **SMALL))
     scene = make_scene(config, 4)
@@ -51,7 +51,7 @@ def drifted(make_scene):
 
 @pytest.fixture(scope='module')
 def circle(make_scene):
-    """Give a bend that climbs, seen by a distorted rig that is not parallel, and its site."""
+    """Return a bend that climbs, seen by a distorted rig that is not parallel, and its site."""
     curve = RoadConfig(curvature_start=1 / 41, curvature_end=1 / 41, grade=0.02)
     scene = make_scene(circle_config(road=curve, rig=replace(
         DISTORTED, **{**SMALL, 'right_f_px': 1240.0})), 5)
@@ -73,7 +73,7 @@ def test_points_lie_on_the_markings(drifted, circle):
 
 
 @pytest.mark.slow
-def test_pan_is_seen_and_corrected(drifted):
+def test_pan_is_found_and_corrected(drifted):
     """A pan of 0.02 degrees costs 3 %; corrected, less than 0.1 %."""
     scene, refined = drifted
     assert refined.drift.moved_probability > 0.99
@@ -90,7 +90,7 @@ def test_pan_is_seen_and_corrected(drifted):
 
 
 @pytest.mark.slow
-def test_bend_is_right(circle):
+def test_bend_is_exact(circle):
     scene, refined = circle
     assert not refined.drift.moved
     lane, exact = refined.lanes['lane_0'], scene.exact['lane_0']
@@ -105,7 +105,7 @@ def test_bend_is_right(circle):
 
 @pytest.mark.slow
 def test_known_lengths(drifted):
-    """The right ones agree within their claims; the wrong one is reported."""
+    """True lengths agree within their 1-sigma; the wrong one is reported."""
     _, refined = drifted
     lane, dashes, wrong = check_lengths(refined)
     assert not lane.wrong and lane.measured_m == pytest.approx(3.7, abs=0.01)
@@ -116,7 +116,7 @@ def test_known_lengths(drifted):
 
 
 @pytest.mark.slow
-def test_file_says_it_all(drifted, tmp_path):
+def test_file_is_complete(drifted, tmp_path):
     """Written and read again, the site gives the same lanes, with the corrected rig only."""
     scene, refined = drifted
     path = tmp_path / 'refined.yaml'
@@ -138,7 +138,7 @@ def test_file_says_it_all(drifted, tmp_path):
 
 
 @pytest.mark.slow
-def test_pictures(drifted):
+def test_plots_are_written(drifted):
     _, refined = drifted
     for right in (False, True):
         drawn = picture(refined, right)
@@ -147,7 +147,7 @@ def test_pictures(drifted):
 
 
 @pytest.mark.slow
-def test_nothing_where_nothing_is(drawn):
+def test_nothing_is_found_on_a_bare_road(drawn):
     """Lines clicked on bare road keep their clicks, and that is reported."""
     rng, shape = np.random.default_rng(0), drawn.image(0).shape
     pairs = [StereoPair(i, i, i, *(rng.normal(90, 2, (2, *shape)).astype(np.uint8)))
@@ -160,7 +160,7 @@ def test_nothing_where_nothing_is(drawn):
 
 
 @pytest.mark.slow
-def test_a_drawn_road_from_rough_clicks(drawn):
+def test_rough_clicks_on_a_drawn_road_are_refined(drawn):
     """Clicks with a scatter of a pixel become points with one of hundredths, in their order."""
     rng = np.random.default_rng(1)
     lines = {name: PickedLine(name, *(uv + rng.normal(0, 1.0, uv.shape) for uv in line.views_px))
@@ -181,7 +181,7 @@ def test_a_drawn_road_from_rough_clicks(drawn):
 
 
 @pytest.mark.slow
-def test_a_camera_that_moved_too_far_is_refused(drawn):
+def test_camera_that_rotated_too_far_is_refused(drawn):
     """By half a degree of tilt, in images whose road shows it."""
     rng = np.random.default_rng(2)
     texture = rng.normal(0, 12, (12, 360, 640)).mean(axis=0) * 4
@@ -194,7 +194,7 @@ def test_a_camera_that_moved_too_far_is_refused(drawn):
 
 
 @pytest.mark.slow
-def test_a_doubtful_drift_is_warned_of_and_reported_beside_the_results(circle):
+def test_doubtful_drift_is_a_warning_beside_the_results(circle):
     _, refined = circle
     for probability, words in ((0.15, 0), (0.4, 1)):
         doubtful = replace(refined, drift=replace(refined.drift, moved_probability=probability))
@@ -207,7 +207,7 @@ def test_a_doubtful_drift_is_warned_of_and_reported_beside_the_results(circle):
 
 
 @pytest.mark.slow
-def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
+def test_unrefined_site_is_as_certain_as_a_calibration(circle):
     scene, _ = circle
     rig = scene.sequence.rig
     plain = lane_paths(scene.site, rig)
@@ -217,7 +217,7 @@ def test_a_site_nobody_refined_is_as_certain_as_a_calibration(circle):
 
 
 @pytest.mark.slow
-def test_clicks_that_contradict_what_was_found_are_kept(drawn):
+def test_clicks_that_contradict_the_found_lines_are_kept(drawn):
     """Both are certain, but the clicks show a road that climbs by 0.4 degrees."""
     images = [np.clip(drawn.image(right, noise=1.0, seed=right), 0, 255).astype(np.uint8)
               for right in (0, 1)]

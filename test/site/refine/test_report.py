@@ -15,7 +15,7 @@ from stereo_speed.site.refine.report import report, summary, summary_lines
 
 @pytest.fixture(scope='module')
 def figures(drawn_refined):
-    """Give the report of a drawn road."""
+    """Return the report of a drawn road."""
     return report(drawn_refined)
 
 
@@ -51,7 +51,7 @@ def test_plain_values(drawn_refined, figures):
 
 
 def warned(refined, words):
-    """Return how many warnings have the words in them."""
+    """Return how many warnings contain the words."""
     return sum(words in warning for warning in report(refined).warnings)
 
 
@@ -60,12 +60,12 @@ def warned(refined, words):
     ('may have moved', {'doubtful_probability': 1.0}, {'doubtful_probability': 0.0}),
     ('1-sigma of speeds by path and rig is', {'worst_speed_std': 1.0}, {'worst_speed_std': 0.0}),
     ('px r.m.s. off the road', {'worst_residual_px': 1.0}, {'worst_residual_px': 0.0})])
-def test_each_limit_decides_its_warning(drawn_refined, words, quiet, loud):
+def test_each_limit_triggers_its_warning(drawn_refined, words, quiet, loud):
     assert warned(replace(drawn_refined, config=RefineConfig(**quiet)), words) == 0
     assert warned(replace(drawn_refined, config=RefineConfig(**loud)), words) >= 1
 
 
-def test_what_else_is_warned_of(drawn, drawn_refined):
+def test_other_warnings(drawn, drawn_refined):
     """Drift, drift since the last time, lost lines, and lengths that are wrong or not seen."""
     drift = replace(drawn_refined.drift, drift_rad=np.radians([0.02, 0.0, 0.0]))
     before = RigCorrection(np.zeros(3), np.eye(3) * np.radians(0.0003)**2)

@@ -19,7 +19,7 @@ WALL = Plane(np.array([0.0, 0.0, 1.0]), 30.0)
 
 @pytest.fixture
 def rig():
-    """Give a rig whose cameras look apart a little."""
+    """Return a rig whose cameras are not quite parallel."""
     k = np.array([[900.0, 0.0, 319.5], [0.0, 900.0, 239.5], [0.0, 0.0, 1.0]])
     cameras = [Camera(n, 640, 480, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
     return StereoRig(*cameras, Rotation.from_rotvec([0.003, -0.01, 0.004]).as_matrix(),
@@ -27,7 +27,7 @@ def rig():
 
 
 def test_points_seen_by_a_drifted_rig(rig):
-    """The residuals of points seen by a drifted rig are those its slopes foretell."""
+    """Their residuals are those predicted by the slopes."""
     rng = np.random.default_rng(0)
     points = rng.uniform([-8, -3, 15], [8, 3, 80], (200, 3))
     drift = np.radians([0.03, 0.02, -0.05])

@@ -26,7 +26,7 @@ SMALL = {'width_px': 512, 'height_px': 384, 'f_px': 900.0}
 
 @pytest.fixture(scope='module')
 def measured_with(make_scene):
-    """Give the configuration of a scene, what is measured with there, and its pairs."""
+    """Return the configuration of a scene, its measuring setup, and its pairs."""
     config = straight_config(pairs=5, rig=replace(straight_config().rig, **SMALL))
     scene = make_scene(config, 4)
     rig = scene.sequence.rig
@@ -35,7 +35,7 @@ def measured_with(make_scene):
 
 
 @pytest.mark.slow
-def test_a_rig_that_stands_is_not_off(measured_with):
+def test_fixed_rig_is_not_off(measured_with):
     _, used, pairs = measured_with
     state = rig_state(used, pairs)
     assert state.share is not None and not state.is_off, state
@@ -47,7 +47,7 @@ def test_a_rig_that_stands_is_not_off(measured_with):
     {'rig_moved_deg': (0.1, 0.0, 0.0)},  # the right camera pans
     {'camera_yaw_deg': 3.0},  # the pole turns
 ], ids=['right camera', 'pole'])
-def test_a_rig_that_has_moved_is_off(measured_with, changes):
+def test_moved_rig_is_off(measured_with, changes):
     config, used, _ = measured_with
     pairs = simulate(replace(config, **changes), np.random.default_rng(5)).pairs
     assert rig_state(used, pairs).is_off
@@ -55,7 +55,7 @@ def test_a_rig_that_has_moved_is_off(measured_with, changes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [5, 6])
-def test_a_rig_that_sways_is_not_off(measured_with, seed):
+def test_swaying_rig_is_not_off(measured_with, seed):
     config, used, _ = measured_with
     pairs = simulate(replace(config, sway_deg=0.1), np.random.default_rng(seed)).pairs
     state = look_at_rig(used, pairs, SiteConfig())
@@ -63,7 +63,7 @@ def test_a_rig_that_sways_is_not_off(measured_with, seed):
 
 
 @pytest.mark.slow
-def test_a_turn_that_is_followed_is_not_off(measured_with):
+def test_rotation_followed_by_steadying_is_not_off(measured_with):
     config, used, _ = measured_with
     turn = np.radians((0.03, 0.0, 0.0))
     pairs = simulate(replace(config, rig_moved_deg=tuple(np.degrees(turn))),
@@ -74,7 +74,7 @@ def test_a_turn_that_is_followed_is_not_off(measured_with):
 
 
 @pytest.mark.slow
-def test_two_looks_that_agree_show_how_the_rig_stands(measured_with):
+def test_two_looks_that_agree_determine_the_new_state(measured_with):
     config, used, standing = measured_with
     turned = replace(config, rig_moved_deg=(0.05, 0.0, 0.0))
     first = rig_state(used, simulate(turned, np.random.default_rng(5)).pairs)
@@ -105,14 +105,14 @@ def test_two_looks_that_agree_show_how_the_rig_stands(measured_with):
 
 
 @pytest.mark.slow
-def test_a_road_that_cannot_be_seen_tells_nothing(measured_with):
+def test_invisible_road_gives_no_evidence(measured_with):
     _, used, pairs = measured_with
     dark = [replace(p, left=np.zeros_like(p.left), right=np.zeros_like(p.right)) for p in pairs]
     state = rig_state(used, dark)
     assert state.share is None and not state.is_off and state.text
 
 
-def test_a_lane_out_of_view_is_named_beside_one_that_stands(measured_with, monkeypatch):
+def test_lane_out_of_view_is_named_beside_an_unmoved_one(measured_with, monkeypatch):
     _, used, pairs = measured_with
     name, lane = next(iter(used.lanes.items()))
     behind = replace(lane, path=StraightPath(

@@ -13,7 +13,7 @@ PX_PER_M = 40.0
 
 def sections(kind, places_m, rng, *, width_m=0.15, sides=(80.0, 80.0), paint=180.0, noise=0.0,
              blur_px=0.6):
-    """Make (n, k) cross-sections of blurred edges averaged over pixels, sampled at 0.5 px."""
+    """Return (n, k) cross-sections of blurred edges averaged over pixels, sampled at 0.5 px."""
     x = np.tile(np.arange(-24, 25) * 0.5 / PX_PER_M, (len(places_m), 1))
     fine = np.linspace(-0.5, 0.5, 41) / PX_PER_M  # the pixel's width
     z = x[..., None] + fine - np.asarray(places_m)[:, None, None]
@@ -54,11 +54,11 @@ def test_claimed_scatter_is_the_scatter(width_m):
 
 
 @pytest.mark.parametrize('width_px', [0.3, 0.5, 1.0])
-def test_what_runs_into_a_narrow_band_is_allowed_for(width_px):
+def test_edge_near_a_narrow_band_is_in_the_uncertainty(width_px):
     """
-    An edge of the grass somewhere within the samples displaces a band by about what is claimed.
+    A grass edge anywhere within the samples displaces a band by about the claimed error.
 
-    It is a tenth as high as the band is light: what is claimed is to first order.
+    Its height is a tenth of the band's brightness: the claim is to first order.
     """
     apart_px = np.linspace(0, 4, 41)
     scale, start = np.full(len(apart_px), PX_PER_M), np.zeros(len(apart_px))
@@ -83,7 +83,7 @@ def test_width_and_blur_are_found():
     assert shape.blur_px == pytest.approx(np.hypot(0.6, 0.29), abs=0.06)
 
 
-def test_an_edge_is_no_band():
+def test_edge_is_no_band():
     """The model determines what a cross-section shows, and an edge shows no band."""
     rng = np.random.default_rng(3)
     scale = np.full(1, PX_PER_M)

@@ -31,7 +31,7 @@ def band(width, contrast=60.0):
 @pytest.mark.parametrize('way', [None, WAY, -WAY, np.array([0.55, 0.84])],
                          ids=['unknown', 'known', 'back', 'askew'])
 @pytest.mark.parametrize('width', [2.0, 5.0, 12.0])
-def test_a_click_beside_a_band_moves_to_its_middle(width, way):
+def test_click_beside_a_band_moves_to_its_middle(width, way):
     view, rng = drawn(band(width)), np.random.default_rng(1)
     for _ in range(4):
         click = THROUGH + rng.uniform(-12, 12) * WAY + rng.uniform(-2.5, 2.5) * NORMAL
@@ -42,7 +42,7 @@ def test_a_click_beside_a_band_moves_to_its_middle(width, way):
         assert abs(float((found.uv_px - click) @ WAY)) < 0.2  # it stays where it is along the line
 
 
-def test_a_click_beside_a_kerb_moves_to_its_edge():
+def test_click_beside_a_kerb_moves_to_its_edge():
     view = drawn(lambda x: 80 + 50 * ndtr(x / 0.9))
     found = snap(view, THROUGH + 3 * NORMAL, WAY)
     assert found is not None and found.kind == 'edge'
@@ -62,13 +62,13 @@ def test_a_band_beside_something_lighter_is_not_taken_for_a_kerb(width):
 
 
 @pytest.mark.parametrize('way', [None, WAY])
-def test_where_nothing_is_painted_a_click_stays(way):
+def test_click_beside_no_marking_is_unchanged(way):
     assert snap(drawn(lambda x: 90 + 0 * x, 3.0), THROUGH, way) is None
     far = THROUGH + (REACH_PX + 6) * NORMAL
     assert snap(drawn(band(3.0)), far, way) is None
 
 
-def test_at_the_rim_of_the_image_nothing_breaks():
+def test_click_at_the_edge_of_the_image_is_safe():
     view = drawn(band(4.0))
     for corner in ((0.0, 0.0), (159.0, 119.0), (-3.0, 60.0), (159.4, 0.0)):
         snap(view, np.array(corner))

@@ -23,18 +23,18 @@ def make_rig(baseline_m=0.5):
 PATH = StraightPath(np.array([-3.0, 3.0, 70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
 
 
-def test_nothing_wrong():
+def test_no_error_has_no_effect():
     assert abs(speed_error(Setup(PATH, make_rig()), Setup(PATH, make_rig()))) < 1e-9
 
 
-def test_baseline_and_path_in_proportion():
+def test_errors_of_baseline_and_path_in_proportion():
     """Rig and path a thousandth too large: speeds a thousandth too high."""
     large = StraightPath(PATH.position(0.0) * 1.001, PATH.tangent(0.0), 50.05)
     used = Setup(large, make_rig(0.5005))
     assert speed_error(Setup(PATH, make_rig()), used) == pytest.approx(1e-3, rel=1e-3)
 
 
-def test_drifted_rig_and_path_seen_with_it():
+def test_drifted_rig_and_the_path_seen_with_it():
     """The effect of a pan on a speed is that of the distorted space at the weighted range."""
     rig, pan = make_rig(), np.radians(0.01)
     drifted = rig.drifted([pan, 0.0, 0.0])
@@ -49,7 +49,7 @@ def test_drifted_rig_and_path_seen_with_it():
                                4 * pan * np.array([69.0, 21.0]), rtol=0.05)
 
 
-def test_direction_matters_in_proportion():
+def test_effect_of_direction_is_in_proportion():
     one = heading_effect(PATH, make_rig(), np.array([1e-4, 1e-4]))
     ten = heading_effect(PATH, make_rig(), np.array([1e-3, 1e-3]))
     assert 0 < one < 1e-3 and ten == pytest.approx(10 * one, rel=0.1)
