@@ -28,7 +28,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import RoadShape, VERTICAL_CURVE, Weights
+from .model import RoadModel, RoadShape, RUN_OFF, TRANSITION, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
 from .wander import Wander, wander_of, WanderEvidence, Ways
 from ..core.records import Array
@@ -39,8 +39,9 @@ from ..geometry.rig import StereoRig
 ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
 # Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
 # parabola in the middle of a road five.
-MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE)
+MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE, RUN_OFF, TRANSITION)
 MAX_STEPS = 40  # of the solver; fits that converge need 10
+_BUILT_STEPS = 200  # of it, where the ends of ramps are looked for from afar
 FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
 # Times their 1-sigma, by which not even 30 picks scatter by chance: a longer road would tell more.
 _ASTRAY = 1.5
@@ -255,7 +256,7 @@ def _least_variance(problem: RoadProblem) -> float:
     return min((problem.prior.best_pick_std_px / problem.picks.median_std_px)**2, 1.0)
 
 
-def _solve(problem: RoadProblem, start: Array) -> RoadFit:
+def _solve(problem: RoadProblem, start: Array, most_steps: int = MAX_STEPS) -> RoadFit:
     """Fit one model from a start; lines that may wander begin in their places."""
     if problem.wander is not None:
         start = np.append(start[:problem.size], np.zeros(problem.wander.count))
@@ -263,7 +264,7 @@ def _solve(problem: RoadProblem, start: Array) -> RoadFit:
         raise NoRoadError('the picks give no road to start from')
     result = least_squares(
         problem.residuals, start, jac=problem.jacobian, loss='soft_l1', f_scale=ROBUST,
-        x_scale='jac', method='trf', xtol=1e-9, ftol=1e-5, gtol=1e-9, max_nfev=MAX_STEPS)
+        x_scale='jac', method='trf', xtol=1e-9, ftol=1e-5, gtol=1e-9, max_nfev=most_steps)
     return RoadFit(problem, result.x[:problem.size], 2 * float(result.cost),
                    wander=result.x[problem.size:])
 
@@ -277,18 +278,30 @@ def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
 
 
 def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
-    """Fit a family that has a vertical curve in place of a polynomial, from the result of one."""
-    problem, seen_m = fit.problem, fit.feet.s_m
-    model, start = problem.model.as_built(
-        shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
+    """Fit a family that has what roads are built of in place of a polynomial, from one of one."""
+    seen_m = float(fit.feet.s_m.min()), float(fit.feet.s_m.max())
+    model, start = fit.problem.model.as_built(shape, fit.x, seen_m)
+    starts = [start]
+    if shape.run_off and shape.transition:
+        # a bend is banked about where it begins
+        without = shape._replace(run_off=fit.problem.model.shape.run_off)
+        base, x = ((fit.problem.model, fit.x) if any(fit.problem.model.shape.built[1:])
+                   else fit.problem.model.as_built(without, fit.x, seen_m))
+        starts.append(fit.problem.model.as_built(shape, fit.x, seen_m, base.bend_ramp(x))[1])
+    return min((_from_start(fit.problem, model, one) for one in starts), key=lambda it: it.cost)
+
+
+def _from_start(problem: RoadProblem, model: RoadModel, start: Array) -> RoadFit:
+    """Fit another family from afar, by way of clicks."""
     # Among precise picks there are many roads that no small step makes better.
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
-    near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
+    near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start,
+                  _BUILT_STEPS)
     if problem.wander is None and clicks.median_std_px == problem.picks.median_std_px:
         return near
     return _solve(RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
-                              problem.wander), near.x)
+                              problem.wander), near.x, _BUILT_STEPS)
 
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
@@ -398,11 +411,12 @@ def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
     Fit the family of a road, with lines that may run off from each other a little.
 
     :param fit: where to start.
-    :param family: a road of that family, where to start if only one of both has a vertical curve.
+    :param family: a road of that family, where to start if only one of both has a vertical curve,
+        a run-off or a transition.
     :param drift: what is known of the drift of the right camera.
     """
     shape = family.problem.model.shape
-    if shape.vertical_curve != fit.problem.model.shape.vertical_curve:
+    if shape.built != fit.problem.model.shape.built:
         fit = family
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
@@ -542,7 +556,7 @@ def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEviden
     out = np.setdiff1d(np.arange(size), kept)
     rest = np.zeros(size)
     rest[out] = fit.x[out]
-    rest[model.places.vertical_curve][:2] = 0.0  # where a change is 0, these say nothing
+    rest[model.idle] = 0.0
     residual, jacobian = fit.problem.rigid(fit.x), fit.slope
     residual = residual - jacobian @ rest
     residual[:count] *= squares.own
@@ -643,10 +657,13 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
     std = np.ones(count)
     std[model.places.tapers.start:model.size] = wider.problem.prior_std
 
+    telling = x.copy()
+    telling[model.idle] = 0.0
+
     def promise(new: RoadShape) -> float:
         kept = model.columns(new, count)
         out = np.setdiff1d(np.arange(count), kept)
-        part, rest = normal[np.ix_(kept, kept)], x[out]
+        part, rest = normal[np.ix_(kept, kept)], telling[out]
         slope = gradient[kept] - normal[np.ix_(kept, out)] @ rest
         gain = slope @ np.linalg.solve(part, slope) + rest @ (
             2 * gradient[out] - normal[np.ix_(out, out)] @ rest)
@@ -662,15 +679,25 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
 
 
 def _as_built(shape: RoadShape) -> list[RoadShape]:
-    """Return the family with a vertical curve in place of several numbers of a polynomial."""
-    if shape.vertical < 2 or shape.vertical_curve:
-        return []
-    return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
+    """Return families with more of what is built, for several numbers of a polynomial."""
+    options: list[dict[str, int]] = []
+    if shape.vertical > 1 and not shape.vertical_curve:
+        options.append({'vertical': 0, 'vertical_curve': VERTICAL_CURVE})
+    if shape.twist > 1 and not shape.run_off:
+        options.append({'twist': 0, 'run_off': RUN_OFF})
+    if shape.curvature > 2 and not shape.transition:
+        options.append({'curvature': 1, 'transition': TRANSITION})
+    chosen = sorted(product((True, False), repeat=len(options)), key=sum, reverse=True)
+    return [shape._replace(**{key: count for option, one in zip(options, taken) if one
+                              for key, count in option.items()})
+            for taken in chosen if any(taken)]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
-    """Yield the families that lack one number, or both of the tilt."""
-    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1)):
+    """Yield the families that lack one number, or all that belong together."""
+    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1),
+                       ('vertical_curve', VERTICAL_CURVE), ('run_off', RUN_OFF),
+                       ('transition', TRANSITION)):
         count = getattr(shape, name) - less
         if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt):
             yield shape._replace(**{name: count})
