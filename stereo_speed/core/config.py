@@ -443,6 +443,9 @@ class TrackerConfig(CheckedRecord):
     uneven_stamp_sigmas: float = parameter(
         2.0, 1.0, 1e6, '', 'stamps that are off an even pace by more than so many stamp_std_s are '
         'taken to be wrong by that; a great number where uneven stamps are those of the exposures')
+    exposure_odds: float = parameter(
+        20.0, 0.0, 1e6, '', 'uneven stamps of a pass are those of the exposures after all where '
+        'the images say so by greater odds; 0 takes all for that')
     trigger_tolerance_s: float = parameter(
         5e-4, 0.0, 1.0, 's', 'pairs whose stamps differ by less were exposed at once; beyond it '
         'each view counts at its own time')

@@ -122,7 +122,8 @@ class ConstrainedTracker:
             offset_slope=placed.offset_slope, speed_mps=start.expected_mps,
             speed_std_mps=start.expected_std_mps,
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
-        self.window = PhotometricWindow(sampler, prior, self.config)
+        self.window = PhotometricWindow(
+            sampler, prior, self.config, start.told_stamp_std_s)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
                             start.pair.stamp_ns)
@@ -324,9 +325,10 @@ class ConstrainedTracker:
         noise = self.rng.standard_normal((4, self.particles)) * root
         v_next = v + c.speed_rate_std * noise[3]
         across, log_share = strays_across(noise[1] / root, dt_s, c)
-        return _Cloud(np.column_stack([
+        states = np.column_stack([
             s + 0.5 * (v + v_next) * dt_s, a + self._lateral_mps() * dt_s + across,
-            b + c.drift_up_std_m * noise[2], v_next]), self.cloud.log_weights + log_share, stamp_ns)
+            b + c.drift_up_std_m * noise[2], v_next])
+        return _Cloud(states, self.cloud.log_weights + log_share, stamp_ns)
 
     def _measured(self, pair: StereoPair, *, reacquires: bool
                   ) -> Optional[tuple[_Cloud, Posterior]]:
@@ -463,7 +465,7 @@ def begun_across_m(dt_s: float, config: TrackerConfig) -> float:
 
 def strays_across(noise: Array, dt_s: float, config: TrackerConfig) -> tuple[Array, Array]:
     """
-    Return how far particles stray across the path (N,), m, and the logarithms (N,) of their weights.
+    Return how far particles stray across the path (N,), m, and logarithms (N,) of their weights.
 
     Beside the drift (eq. 27), a vehicle may have begun to change lanes.  Few do, but after missing
     pairs those are a metre aside: some of the particles look for them, and their weights leave the

@@ -41,6 +41,8 @@ class TrackStart:
     :param seen_mps: speed as the detector saw it; None where it saw none.
     :param particles_alone: number of particles that it has when it is the only track; None for
         those of ``config``, which are its share among others.
+    :param told_stamp_std_s: 1-sigma of stamps that are those of the exposures, s; None for that of
+        ``config``, which is greater where they are uneven.
     """
 
     rig: StereoRig
@@ -52,6 +54,7 @@ class TrackStart:
     rng: np.random.Generator
     seen_mps: Optional[float] = None
     particles_alone: Optional[int] = None
+    told_stamp_std_s: Optional[float] = None
 
     @property
     def expected_mps(self) -> float:

@@ -503,6 +503,28 @@ def test_a_change_of_lanes_in_missing_pairs_is_followed(follow, textured):
     assert result.verdict is Verdict.MEASURED and result.pairs == 6
 
 
+@pytest.mark.parametrize('exposed_ms, shown', [(15.0, True), (0.0, False)])
+def test_uneven_stamps_of_the_exposures_are_told_from_others(follow, textured, exposed_ms, shown):
+    """Every stamp is off an even pace; so are the exposures, or they are not."""
+    off_s = 0.015 * np.random.default_rng(3).uniform(-1, 1, 12)
+    even_s = np.arange(12) / 10
+    poses = np.column_stack([6 + MPS * (even_s + exposed_ms / 15 * off_s), np.full(12, 0.1),
+                             np.full(12, 1.9)])
+    pairs = [textured.pair(k, round(t * SECOND), pose)
+             for k, (t, pose) in enumerate(zip(even_s + off_s + 0.1, poses))]
+    _, sure = follow(pairs, poses[0])
+    _, tracker = follow(pairs[:1], poses[0], replace(QUICK, stamp_std_s=0.01),
+                        told_stamp_std_s=QUICK.stamp_std_s)
+    for pair in pairs[1:]:
+        tracker.update(pair)
+    result, sure_std_mps = tracker.result(), sure.result().speed_std_mps
+    assert result.verdict is Verdict.MEASURED
+    assert (result.budget.stamps_mps < 0.2 * result.speed_std_mps) == shown
+    assert abs(result.speed_mps - MPS) < at_most(0.001, 2) * result.speed_std_mps
+    if shown:
+        assert result.speed_std_mps < 1.1 * sure_std_mps
+
+
 @pytest.mark.parametrize('dt_s', [0.03, 0.2, 0.8, 3.0])
 def test_particles_that_look_aside_leave_the_probability_as_it_is(dt_s):
     """The weights are those of a mixture whose moments are known."""
