@@ -37,8 +37,9 @@ from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..vision.haar import CELLS, PartGrid
 
-_JITTER = 1e-12  # keeps the covariance of equal particles positive definite
-_DISTINCT_PER_DIM = 3  # distinct particles per unknown below which the cloud has no shape
+_JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
+_LOOK_ASIDE = 4  # one particle in so many allows for a change of lanes that has begun
+_DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +85,9 @@ class _Cloud:
         """
         dt_s, goes = max(self.until_s(stamp_ns), 0.0), np.eye(4)
         goes[0, 3] = dt_s
-        return gone_on(self.moments(), goes, dt_s, lateral_mps,
-                       walks(dt_s, config.speed_rate_std, config, parts=4.0))
+        strays = walks(dt_s, config.speed_rate_std, config, parts=4.0)
+        strays[1, 1] += config.manoeuvre_probability * begun_across_m(dt_s, config) ** 2
+        return gone_on(self.moments(), goes, dt_s, lateral_mps, strays)
 
 
 class ConstrainedTracker:
@@ -120,7 +122,8 @@ class ConstrainedTracker:
             offset_slope=placed.offset_slope, speed_mps=start.expected_mps,
             speed_std_mps=start.expected_std_mps,
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
-        self.window = PhotometricWindow(sampler, prior, self.config)
+        self.window = PhotometricWindow(
+            sampler, prior, self.config, start.told_stamp_std_s)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
                             start.pair.stamp_ns)
@@ -322,10 +325,11 @@ class ConstrainedTracker:
         s, a, b, v = self.cloud.states.T
         noise = self.rng.standard_normal((4, self.particles)) * root
         v_next = v + c.speed_rate_std * noise[3]
-        return replace(self.cloud, states=np.column_stack([
-            s + 0.5 * (v + v_next) * dt_s,
-            a + self._lateral_mps() * dt_s + c.drift_across_std_m * noise[1],
-            b + c.drift_up_std_m * noise[2], v_next]), stamp_ns=stamp_ns)
+        across, log_share = strays_across(noise[1] / root, dt_s, c)
+        states = np.column_stack([
+            s + 0.5 * (v + v_next) * dt_s, a + self._lateral_mps() * dt_s + across,
+            b + c.drift_up_std_m * noise[2], v_next])
+        return _Cloud(states, self.cloud.log_weights + log_share, stamp_ns)
 
     def _measured(self, pair: StereoPair, *, reacquires: bool
                   ) -> Optional[tuple[_Cloud, Posterior]]:
@@ -447,6 +451,42 @@ def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) ->
         update.speed_std_mps, last.speed_std_mps)
     most = config.verdict.most_acceleration_mps2
     return sure <= most * (update.stamp_ns - last.stamp_ns) * 1e-9
+
+
+def begun_across_m(dt_s: float, config: TrackerConfig) -> float:
+    """
+    Return how far a change of lanes that begins within a time carries across the path, 1-sigma.
+
+    :param dt_s: the time, s.
+    """
+    lasts_s = config.manoeuvre_across_s
+    persists = dt_s + lasts_s * math.expm1(-dt_s / lasts_s)  # of an Ornstein-Uhlenbeck rate
+    return config.manoeuvre_across_std_m * math.sqrt(max(persists, 0.0))
+
+
+def strays_across(noise: Array, dt_s: float, config: TrackerConfig) -> tuple[Array, Array]:
+    """
+    Return how far particles stray across the path (N,), m, and logarithms (N,) of their weights.
+
+    Beside the drift (eq. 27), a vehicle may have begun to change lanes.  Few do, but after missing
+    pairs those are a metre aside: some of the particles look for them, and their weights leave the
+    probability as it is.
+
+    :param noise: (N,) standard normal.
+    :param dt_s: time in which they do, s.
+    """
+    drift_m, begun_m = config.drift_across_std_m * math.sqrt(dt_s), begun_across_m(dt_s, config)
+    p, share, wide_m = config.manoeuvre_probability, 1 / _LOOK_ASIDE, math.hypot(drift_m, begun_m)
+    if not (p and begun_m and drift_m):
+        return drift_m * noise, np.zeros(len(noise))
+    std_m = np.full(len(noise), drift_m)
+    std_m[::_LOOK_ASIDE] = wide_m
+    across = std_m * noise
+    log_wider = math.log(drift_m / wide_m) + 0.5 * np.square(across) * (
+        drift_m ** -2 - wide_m ** -2)
+    wanted, drawn = (np.logaddexp(math.log(1 - one), math.log(one) + log_wider)
+                     for one in (p, share))
+    return across, wanted - drawn
 
 
 def transport(states: Array, moments: tuple[Array, Array], target: tuple[Array, Array],

@@ -173,21 +173,23 @@ class _Solution:
     """
     Moments of the mixture of the hypotheses, and the equations of the images.
 
-    :param mean: mean of the unknowns except accelerations, in the order of ``StateIndex``.
-    :param relief: (m,) mean of the relief, m.
-    :param relief_square: (m,) mean square of the relief; variance by the likeliest hypothesis,
-        m^2.
-    :param weights: weights of all hypotheses.
-    :param likely: weight and answer of each hypothesis that counts.
-    :param photometry: equations of the images.
-    :param speed_rate_std: random walk of the speed, weighted r.m.s., m/s/sqrt(s).
-    :param unnoticed: returns the errors of the newest speed due to braking that does not show yet.
+    :param mean: of the unknowns but for accelerations, in the order of ``StateIndex``.
+    :param relief: (m,) mean of the relief.
+    :param relief_square: (m,) mean of its square, by the likeliest hypothesis, m^2.
+    :param weights: of all hypotheses.
+    :param log_evidence: of the images for all of them together.
+    :param likely: weight and answer of each that counts.
+    :param photometry: what the images say.
+    :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
+    :param unnoticed: returns by how much the newest speed may be wrong while braking does not
+        show.
     """
 
     mean: Array
     relief: Array
     relief_square: Array
     weights: Array
+    log_evidence: float
     likely: Sequence[tuple[float, Moments]]
     photometry: Photometry
     speed_rate_std: float
@@ -205,16 +207,20 @@ class PhotometricWindow:
     Grows with every pair of a pass; see the module's docstring.
 
     :param sampler: makes observations of the front.
-    :param prior: prior of the pass.
-    :param config: precision of the images, motion models, effort.
+    :param prior: what is known of the pass before them.
+    :param config: precision of the images, models of motion, effort.
+    :param told_stamp_std_s: 1-sigma of stamps that are those of the exposures, s; None for that
+        of ``config``, which is greater where they are uneven.
     """
 
-    def __init__(self, sampler: ObservationSampler, prior: PassPrior, config: TrackerConfig
-                 ) -> None:
+    def __init__(self, sampler: ObservationSampler, prior: PassPrior, config: TrackerConfig,
+                 told_stamp_std_s: Optional[float] = None) -> None:
         self.sampler, self.config = sampler, config
         self.photometry = PassPhotometry(sampler.relief_basis, config.noise, config.visibility)
         nodes = sampler.relief_basis.shape[1]
         self.motion = PassMotion(prior, config, config.stamp_std_s)
+        self.told_motion = self.motion if told_stamp_std_s is None else PassMotion(
+            prior, config, told_stamp_std_s)
         self.exact_motion = PassMotion(prior, config, 0.0)
         self.hypotheses = hypotheses_of(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
@@ -247,7 +253,11 @@ class PhotometricWindow:
         return posterior
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
-        """Assume another 1-sigma of all stamps, s, from now on."""
+        """
+        Take all stamps to have another 1-sigma, s, in the answers from now on.
+
+        A pass does not, where its images show that they are those of the exposures.
+        """
         self.motion = PassMotion(self.motion.prior, self.config, stamp_std_s)
 
     def keep(self, pair: StereoPair, guess: Array) -> bool:
@@ -359,7 +369,8 @@ class PhotometricWindow:
         shown, posterior = begun._refined(window.since(unshown), _REACQUIRED)
         if not posterior.unoccluded[-1]:
             return None
-        self.motion, self.exact_motion = begun.motion, begun.exact_motion
+        self.motion, self.told_motion = begun.motion, begun.told_motion
+        self.exact_motion = begun.exact_motion
         self._window, self._agreement = shown, posterior.cross_ncc
         return posterior
 
@@ -373,7 +384,8 @@ class PhotometricWindow:
         s_m, *offset_m = window.state[k, :3]
         prior = replace(self.motion.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
                         offset_m=np.array(offset_m))
-        other = PhotometricWindow(self.sampler, prior, self.config)
+        other = PhotometricWindow(
+            self.sampler, prior, self.config, self.told_motion.processes.stamp_std_s)
         other.doubt_stamps(self.motion.processes.stamp_std_s)
         return other
 
@@ -388,7 +400,7 @@ class PhotometricWindow:
     def _sampled_by(self, sampler: ObservationSampler, window: _Window) -> Optional[Posterior]:
         """Return the pass solved with another sampler; None where it cannot be solved."""
         other = PhotometricWindow(sampler, self.motion.prior, self.config)
-        other.motion = self.motion
+        other.motion, other.told_motion = self.motion, self.told_motion
         seen = other._seen_anew(window)
         if seen is None or not seen.counts().any():
             return None
@@ -425,10 +437,34 @@ class PhotometricWindow:
         return replace(window, inactive=())
 
     def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
-        """Iterate Gauss-Newton; observations are remade only where their pose has moved."""
+        """Return a window refined, and what is known then."""
+        window, solution = self._iterated(window, effort, self.motion)
+        if effort is _WHOLE_PASS and self._shows_exposures(window):
+            window, solution = self._iterated(window, effort, self.told_motion)
+        window = window.judged(solution.photometry.unoccluded)
+        return window, self._posterior(window, solution, effort)
+
+    def _shows_exposures(self, window: _Window) -> bool:
+        """
+        Return whether doubted stamps are those of the exposures, as the images surely say.
+
+        A camera may expose at any time.  With the stamps of its exposures a vehicle goes as
+        vehicles do, to some centimetres; with others it jerks.  A live reading rests on its newest
+        stamp, of which later pairs alone tell.
+        """
+        if self.told_motion.processes.stamp_std_s >= self.motion.processes.stamp_std_s:
+            return False
+        told, doubted = (self._solve(window, self.hypotheses, motion).log_evidence
+                         for motion in (self.told_motion, self.motion))
+        odds = self.config.exposure_odds
+        return odds == 0 or told - doubted > math.log(odds)
+
+    def _iterated(self, window: _Window, effort: _Effort, motion: PassMotion
+                  ) -> tuple[_Window, _Solution]:
+        """Iterate Gauss-Newton; observations are made again only where their pose has moved."""
         all_: Sequence[Hypothesis] = self.hypotheses
         for done in range(1, effort.most + 1):
-            solution = self._solve(window, all_, self.motion)
+            solution = self._solve(window, all_, motion)
             weights = solution.weights
             window = replace(
                 window, changing_lanes=float(sum(
@@ -442,8 +478,7 @@ class PhotometricWindow:
             if effort is _REACQUIRED and moved_px <= _FAR_PX \
                     and not solution.photometry.unoccluded[-1]:
                 break
-        window = window.judged(solution.photometry.unoccluded)
-        return window, self._posterior(window, solution, effort)
+        return window, solution
 
     def _posterior(self, window: _Window, solution: _Solution, effort: _Effort) -> Posterior:
         """Return the posterior of a solution, ordered by pairs."""
@@ -501,7 +536,8 @@ class PhotometricWindow:
         rate = math.sqrt(sum(
             float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
         return _Solution(
-            mean, relief, np.square(relief) + strays, weights, likely, seen, rate,
+            mean, relief, np.square(relief) + strays, weights,
+            float(np.logaddexp.reduce(before + evidence)), likely, seen, rate,
             partial(with_onsets.unnoticed, [one for one, w in zip(without, shares) if w > _LIKELY],
                     [one for one, w in zip(some, shares) if w > _LIKELY],
                     int(window.index.speeds[-1]), self.config.visibility.unnoticed_braking_mps2))

@@ -443,6 +443,7 @@ CASES: dict[str, Case] = {
     'resample_ess': Case('passing', 0.0),
     'trigger_tolerance_s': Case('late'),
     'uneven_stamp_sigmas': Case('uneven', 1e6),
+    'exposure_odds': Case('uneven', 0.0),
     'max_speed_std_share': Case('passing', 0.0, {'max_speed_std_mps': 0.0}),
     'max_speed_std_mps': Case('passing', 0.0, {'max_speed_std_share': 0.0}),
     'max_scale_std_share': Case('passing', 0.0),

@@ -420,8 +420,9 @@ def test_detected_vehicle_is_found_anew_after_a_step_of_the_clock(scene, step_ns
 def test_track_that_starts_with_uneven_stamps_includes_their_uncertainty(scene):
     """Its 1-sigma is greater accordingly; its trace has this, and recomputes the same."""
     sequence, lanes, marks = scene
-    pairs, results = sequence.pairs, []
+    results = []
     for off_ns in (0, 4_000_000):
+        pairs = jittered(sequence.pairs, off_ns)
         pipeline, _ = automatic(scene, marks[:1], {0})
         for k in range(20, 0, -1):
             pipeline.stamp_watch.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))

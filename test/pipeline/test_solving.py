@@ -399,7 +399,8 @@ def uneven_until(ns, period_ns):
 def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
     """It learns of them after its solution, with which the stream may end as well."""
     solving, pairs = WhenTold(), dense[0].pairs
-    config = TrackerConfig(max_speed_std_share=1.0)  # of a third of a second, too
+    # Of a third of a second, too; whether the images speak for the stamps is another question.
+    config = TrackerConfig(max_speed_std_share=1.0, exposure_odds=1e6)
     pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
     busy, other, rest = until_busy(pipeline, solving, pairs)
     period_ns, even_mps = pairs[1].stamp_ns - pairs[0].stamp_ns, busy.last.speed_std_mps

@@ -96,6 +96,15 @@ def test_pixel_count_shrinks_with_distance(clear):
     assert seen.pixels == pytest.approx(1.8 * 0.8 * (1500 / 80) ** 2, rel=1e-3)
 
 
+@pytest.mark.parametrize('grey', [0, 1600, 65535])
+def test_views_that_show_nothing_do_not_agree(clear, pair, grey):
+    """Samples of an even image differ by rounding, which is the same in both views."""
+    sampler, blank = sampler_of(clear), np.full_like(pair.left, grey)
+    nothing = replace(pair, left=blank, right=blank)
+    for ds in np.linspace(0.0, 1.0, 40):
+        assert abs(observe(sampler, nothing, POSE + [ds, 0, 0]).cross_ncc) < 0.01
+
+
 @pytest.mark.parametrize('pose', [(20.0, 3.5, 1.9), (20.0, -3.3, 1.9), (20.0, 0.1, -1.5)])
 def test_front_not_wholly_in_both_images_is_not_observed(clear, pair, pose):
     assert observe(sampler_of(clear), pair, np.array(pose)) is None
