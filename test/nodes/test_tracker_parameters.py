@@ -67,7 +67,8 @@ def test_invalid_value_ends_the_node_with_one_line(given, words, sample, capfd):
     (['trackers.kalman.most_ratio:=0.5', 'use_sim_time:=true', 'detectors.boxes.fit.x:=1',
       'qos_overrides./tracks.publisher.depth:=9'], None),
     (['stamp_std:=0.1', 'detectors.plane_sweep.intervall_s:=1.0', 'trackers.karman.x:=1'],
-     'no such parameters: detectors.plane_sweep.intervall_s, stamp_std, trackers.karman.x')])
+     'unknown parameters ignored: detectors.plane_sweep.intervall_s, stamp_std, '
+     'trackers.karman.x')])
 def test_misspelt_name_is_reported_and_an_unused_choice_is_not(given, said, sample, capfd):
     values = [f'site:={sample / "site.yaml"}', *given]
     assert run(tracker_node.TrackerNode, ['--ros-args', *(w for v in values for w in ('-p', v))],

@@ -126,5 +126,5 @@ def test_node_without_a_process_is_one_line(undrawn, monkeypatch):
         process.wait()
     node = SimpleNamespace(name='one_node', process=process)
     monkeypatch.setattr(bench_live, 'live_table', lambda _: bench_live._taken_s(node))
-    assert live_lines(1.0) == ('live over DDS: not measured, live: one_node: found no process of '
-                               'it any more, wanted it running\n')
+    assert live_lines(1.0) == ('live over DDS: not measured, live: one_node: found its process '
+                               'gone, wanted it running\n')
