@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests share: a pass on a bend, roads as picked, small bags, a ROS graph of their own."""
+"""Shared fixtures: a pass on a bend, picked roads, small bags, a private ROS graph."""
 from __future__ import annotations
 
 from contextlib import ExitStack
@@ -35,9 +35,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_collection_modifyitems(items):
     """
-    Try tests of several processes again: a busy machine may keep these apart for too long.
+    Rerun failed tests of several processes, which a busy machine may delay for too long.
 
-    What one sends over DDS before another has discovered it is lost, and a browser gives up.
+    A DDS message sent before its receiver is discovered is lost, and a browser times out.
     """
     for item in items:
         if 'private_graph' in item.fixturenames or any(
@@ -53,7 +53,7 @@ def circle():
 
 @pytest.fixture(scope='session')
 def private_graph():
-    """Keep to a domain that no other tests on this machine have; node processes inherit it."""
+    """Use a ROS domain of no other tests on this machine; node processes inherit it."""
     for n in range(80):
         domain = 20 + (os.getpid() + n) % 80
         name = f'stereo_speed_domain_{os.getuid()}_{domain}'
@@ -61,7 +61,7 @@ def private_graph():
             try:
                 lock = tried.enter_context((Path(tempfile.gettempdir()) / name).open('w'))
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:  # other tests hear each other there
+            except OSError:  # in use by other tests
                 continue
             held = tried.pop_all()
             break
@@ -76,10 +76,10 @@ def private_graph():
 
 @pytest.fixture()
 def stand_in(private_graph):
-    """Give a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
+    """Yield a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
     import rclpy
-    # Nodes of this process that an error ended live on as garbage, which one that was configured
-    # here has frozen: their services, which nobody spins, would be taken for those of the test's.
+    # Nodes that ended with an error may survive as frozen garbage, and their services, which no
+    # executor spins, would be found in place of the test's.
     gc.unfreeze()
     gc.collect()
     from rclpy.context import Context
@@ -117,7 +117,7 @@ class Scene:
 
 
 def make_rig(distorted=False):
-    """Make a rig; the distorted one is not parallel either."""
+    """Return a rig; the distorted one is not parallel either."""
     k = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
     d = (-0.21, 0.12, 1e-3, -7e-4) if distorted else ()
     cameras = [Camera(name=n, width_px=1024, height_px=768, K=k, D=d, model='plumb_bob')
@@ -129,12 +129,12 @@ def make_rig(distorted=False):
 def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0,
                 twist=0.0, step_m=0.0):
     """
-    Make a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
+    Return a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
 
     :param grade: in its middle.
     :param crest: by how much the grade falls, per metre.
     :param twist: by how much the crossfall grows from its middle to its end.
-    :param step_m: by how much the middle line is off to the left from 0.5 to 0.7 of the road.
+    :param step_m: offset of the middle line to the left from 0.5 to 0.7 of the road.
     """
     rng, rig = np.random.default_rng(seed), make_rig(distorted)
     s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
@@ -172,7 +172,7 @@ def _picked(rig, points, rng, std_px):
 
 @pytest.fixture(scope='session')
 def make_scene():
-    """Give the maker of scenes: (curvature, grade, seed, std_px, distorted) to Scene."""
+    """Return the function that makes scenes: (curvature, grade, ...) to Scene."""
     return build_scene
 
 
@@ -195,9 +195,9 @@ def sample() -> Path:
 @pytest.fixture(scope='session')
 def rewrite() -> Callable[..., Path]:
     """
-    Give the function that rewrites the first pairs of the sample's bag.
+    Return the function that rewrites the first pairs of the sample's bag.
 
-    Its ``change(topic, number, msg)`` gives the message to write, or None to leave it out.
+    Its ``change(topic, number, msg)`` returns the message to write, or None to leave it out.
     """
     def write(folder: Path, change: Change = _same, pairs: int = PAIRS) -> Path:
         with AnyReader([SAMPLE / 'bag']) as reader, \
@@ -221,13 +221,13 @@ def rewrite() -> Callable[..., Path]:
 
 @pytest.fixture(scope='session')
 def short_bag(rewrite, tmp_path_factory) -> Path:
-    """Give the first pairs of the sample."""
+    """Return a bag of the first pairs of the sample."""
     return rewrite(tmp_path_factory.mktemp('short') / 'bag')
 
 
 @pytest.fixture
 def edited(tmp_path) -> Callable[[str, Callable[[dict], None]], Path]:
-    """Give the function that edits a copy of one of the sample's YAML files."""
+    """Return the function that edits a copy of one of the sample's YAML files."""
     def edit(name: str, change: Callable[[dict], None]) -> Path:
         data = yaml.safe_load((SAMPLE / name).read_text())
         change(data)

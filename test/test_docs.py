@@ -77,7 +77,7 @@ def words_of_the_code() -> set[str]:
     return set(re.findall(r'\w+', ' '.join([text, *stems, *(body for _, body in examples)])))
 
 
-# -- what is named exists ---------------------------------------------------------------------
+# -- names exist ------------------------------------------------------------------------------
 
 
 @each_page
@@ -243,7 +243,7 @@ def test_python_example_of_the_readme(monkeypatch, capsys):
 @pytest.mark.parametrize('detected', [False, True], ids=['annotated', 'detected'])
 def test_examples_of_a_tracker_and_a_detector(example, sample, detected):
     site, pairs = sample
-    trackers, detectors = replace(TRACKERS), replace(DETECTORS)  # that look for packages anew
+    trackers, detectors = replace(TRACKERS), replace(DETECTORS)  # without cached packages
     start = partial(trackers.load('sliding').start,
                     settings=trackers.settings('sliding', {}, 'example'))
     detector = detectors.load('gate')(site.rig, site.lanes,

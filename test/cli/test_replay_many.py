@@ -81,7 +81,7 @@ def test_killed_run_resumes_and_a_bad_bag_affects_only_itself(
     assert told.err.count('error: ') == 1
     assert '5 of 6 bags, 5 passes' in told.out
     assert_same_bytes(out, one_by_one)
-    # Of what was finished before the kill, nothing was measured again.
+    # Nothing that was finished before the kill was measured again.
     assert all(finished(journal).count(name) == 1 for name in done)
     rows = sqlite3.connect(out / 'passes.sqlite').execute('SELECT bag, pairs FROM passes')
     assert rows.fetchall() == [(f'bag{n}', 3 + n) for n in range(5)]

@@ -24,7 +24,7 @@ def test_every_changed_byte_of_a_line_is_detected(key):
             changed = seal_of(line[:at] + other + line[at + 1:])
             if other == line[at] or changed is None:
                 continue
-            # what is a seal still is another one, and its signature does not hold
+            # a line that is still a seal differs, and its signature is invalid
             assert changed.sha256 != seal.sha256
             assert key is None or changed.fault([PUBLIC])
 

@@ -332,7 +332,7 @@ def test_ring_is_limited_in_bytes_and_time():
     assert ring.get('left', 190) is not None and ring.get('left', 130) is None
     ring.add('right', 195, SourceImage('jpeg', bytes(900)))
     assert ring.bytes <= 1000 and ring.get('right', 195) is not None
-    # a jump of time lets go of what is of another time
+    # a jump of time drops the images of another time
     ring.add('left', 5, SourceImage('jpeg', bytes(10)))
     assert len(ring) == 1
 

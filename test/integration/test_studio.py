@@ -22,7 +22,7 @@ from stereo_speed.io.truth import read_truth  # noqa: E402
 pytestmark = [pytest.mark.usefixtures('private_graph'), pytest.mark.skipif(
     not headless.find(), reason='no headless Chromium here; make browser gets one')]
 STOP_S = 30.0
-# What is shown changes while the nodes run: the page notes it down.
+# The content changes while the nodes run: the page records it.
 WATCH = """() => {
   window.seen = {speeds: new Set(), rates: new Set(), fresh: new Set()};
   const note = () => {
@@ -56,7 +56,7 @@ def test_page_shows_what_the_nodes_measure(studio, sample):
         readings, _ = live(sample, sample / 'site.yaml', 10, 0.5,
                            read_truth(sample / 'truth.csv')[0])
         page.wait_for_function('() => document.querySelector("#live-passes").textContent'
-                               '.includes("measured")')  # told when the stream has ended
+                               '.includes("measured")')  # published when the stream has ended
         seen = page.evaluate(SEEN)
         told = {f'{speed / MPH_MPS:.1f} mph' for _, _, speed, _ in readings}
         shown = set(seen['speeds'])

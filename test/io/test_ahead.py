@@ -26,7 +26,7 @@ def test_items_are_fetched_ahead_up_to_the_limit():
             yield number
     coming = ahead(items(), 2)
     assert next(coming) == 0
-    assert third.wait(30)  # fetched while nobody asks for more than the first
+    assert third.wait(30)  # fetched though only the first was requested
     coming.close()
     assert len(fetched) <= 3
 

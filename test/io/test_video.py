@@ -77,12 +77,12 @@ def test_folder_file_and_bags_give_the_same_frames(tmp_path, bags, frames):
 def test_truncated_file_lacks_its_last_frames(tmp_path, bags, frames):
     path = as_file(tmp_path / 'video.avi', frames)
     assert [frames_missing(path, n) for n in (COUNT + 1, COUNT, COUNT - 1, COUNT - 2)] == [
-        0, 0, 0, 2]  # one is within what files tell
+        0, 0, 0, 2]  # one is within the precision of files
     data = path.read_bytes()
     path.write_bytes(data[:int(0.8 * len(data))])
     read = len(list(read_frames(path)))
     assert 0 < read < COUNT - 1 and frames_missing(path, read) == COUNT - read
-    # these do not tell
+    # these do not state it
     assert frames_missing(as_folder(tmp_path / 'folder', frames), 1) == 0
     assert frames_missing(as_bag(bags, tmp_path / 'mcap', frames), 1) == 0
 

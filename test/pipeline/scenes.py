@@ -30,7 +30,7 @@ class ScriptedFinder:
         self.earlier, self.speed_mps, self.std_share = None, 20.0, 0.05
 
     def update(self, pair, occupied):
-        """Give the scripted fronts of this pair."""
+        """Return the scripted fronts of this pair."""
         self.occupied.append(list(occupied))
         self.lag_s = pair.right_lag_s
         if pair.index not in self.pairs:

@@ -173,7 +173,7 @@ class Failing(Scripted):
 
 @pytest.fixture
 def straight(make_scene):
-    """Give a rig, a lane and a front on it."""
+    """Return a rig, a lane and a front on it."""
     rig = make_scene().rig
     corners_m = np.array([[x, y, 40.0] for x, y in ((-0.9, 1.2), (0.9, 1.2), (0.9, 2), (-0.9, 2))])
     front = InitialFront(0, *rig.project(corners_m)[:2])

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def process():
-    """Give a process that is ready, and end it."""
+    """Yield a process that is ready, and end it."""
     out = LookProcess(patience=0)  # all tests are equal
     out.wait()
     yield out

@@ -37,8 +37,8 @@ SWEEP, BOXES = 'detectors.plane_sweep.', 'detectors.boxes.'
 FIELDS = {name: field for name, field in {
     **dict(parameters_of(TrackerConfig)), **dict(parameters_of(DetectorConfig, SWEEP)),
     **dict(parameters_of(BoxConfig, BOXES))}.items()
-    # Other objects than cars: test/detection/test_narrow_fronts.py.  The speed of boxes equals that
-    # of the plane sweep, which is tested.
+    # Other objects than cars: test/detection/test_narrow_fronts.py.  The speed of boxes is that of
+    # the plane sweep, which is tested.
     if '.front.narrow_' not in name and name != BOXES + 'motion.speed_std_share'}
 CHEAP: Values = {'particles': 40}
 

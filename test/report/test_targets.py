@@ -30,7 +30,7 @@ def estimate(state=TargetState.TRACKED, angle_rad=0.0):
 def test_box_is_drawn_on_its_outline_in_the_colour_of_the_target():
     image = np.zeros((60, 80, 3), np.uint8)
     drawn = draw_targets(image, [estimate()])
-    assert not image.any()  # the frame given is left as it is
+    assert not image.any()  # the given frame is not modified
     for x, y in ((30, 37), (50, 37), (40, 49)):
         np.testing.assert_allclose(drawn[y, x], colour_of(3), rtol=0.2)  # smoothed
     assert not drawn[30:45, 35:45].any()

@@ -22,7 +22,7 @@ def world(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     rng = np.random.default_rng(5)
     x, y = np.moveaxis(rays[..., :2] / rays[..., 2:], -1, 0)
     out = np.full(x.shape, 125.0)
-    # Fine ones tell places, long ones where to look for them.
+    # Short waves give precise places, long ones where to search.
     for low_px, high_px in 12 * [(9.0, 50.0)] + 4 * [(120.0, 300.0)]:
         length_px = rng.uniform(low_px, high_px)
         angle, phase = rng.uniform(0.0, 2 * np.pi, 2)

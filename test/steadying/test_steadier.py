@@ -74,7 +74,7 @@ def test_rotation_of_the_right_camera_is_no_sway(rig, take):
 
 
 def test_rotation_of_the_left_camera_is_sway_with_opposite_right_drift(rig, take):
-    # The right camera stays in the world: its own drift undoes what it would have swayed.
+    # The right camera is fixed in the world: its own drift cancels the sway.
     pan = float(np.radians(0.03))
     back = rig.R[np.ix_([1, 0, 2], [1, 0, 2])] @ np.array([-pan, 0.0, 0.0])
     true = RigMotion((pan, 0.0, 0.0), tuple(float(a) for a in back))

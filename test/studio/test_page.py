@@ -255,7 +255,7 @@ def test_passes_are_sorted_and_filtered_and_foreign_text_is_escaped(visit, tmp_p
         assert len(lines) == 21 and lines[0].startswith('track,lane,first_ns')
         page.select_option('#run', '1')
         page.wait_for_function('() => document.querySelector("#count").textContent === "180"')
-        # nothing of what the file said has become part of the page
+        # none of the file's text has become markup of the page
         assert page.title() == 'stereo_speed studio'
         assert page.locator('#passes img, #run b, #detail img').count() == 0
         assert evil in page.inner_text('#passes tbody tr:first-child')

@@ -44,7 +44,7 @@ def test_each_vehicle_of_each_round_is_counted():
         rounds.add(*passes(TRUTH[0], turn))
     rounds.add(*passes(TRUTH[0], 1, speed=10.2))  # measured a second time
     rounds.add(*passes(TRUTH[1], 0, verdict='rejected'))
-    rounds.add(*passes(TRUTH[2], 0))  # measured, though nobody asks for it
+    rounds.add(*passes(TRUTH[2], 0))  # measured, though not required
     rounds.add(*passes(TRUTH[1], 1, off_m=30.0))  # on no vehicle
     assert rounds.counts(2) == {'vehicles': 4, 'once': 1, 'more': 1, 'rejected': 1, 'missed': 1,
                                 'astray': 1}

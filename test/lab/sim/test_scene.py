@@ -70,7 +70,7 @@ def test_front_heads_in_its_direction_of_motion(receding):
     np.testing.assert_allclose(pose.axes.T @ pose.axes, np.eye(3), atol=1e-12)
     assert pose.rear == bool(receding)
     across = pose.corners_m[1] - pose.corners_m[0]
-    # From the image's left to its right, which is the left of who comes.
+    # From the image's left to its right, which is an approaching driver's left.
     assert across[0] > 0 and across @ pose.axes[:, 1] == pytest.approx(-1.8 if receding else 1.8)
     row = scene.truth(vehicle, 1.0, 0)
     assert row['lateral'] == pytest.approx(1.5)

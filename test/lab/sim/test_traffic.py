@@ -39,7 +39,7 @@ def stream():
     config = replace(
         _config('overcast', receding=1, vehicles=60), change_share=0.5, brake_share=0.5)
     with mock.patch.multiple(Eye, draw=lambda *_: None, fill=lambda *_: None):
-        return config, _take(config, 3, 220)  # what is true needs no images
+        return config, _take(config, 3, 220)  # the truth needs no images
 
 
 def test_same_seed_gives_the_same_stream_and_another_does_not():

@@ -56,7 +56,7 @@ class Scene:
 
 @pytest.fixture(scope='session')
 def make_scene(tmp_path_factory) -> Callable[[SimConfig, int], Scene]:
-    """Give the function that simulates a pass."""
+    """Return the function that simulates a pass."""
     def make(config: SimConfig, seed: int) -> Scene:
         folder: Path = tmp_path_factory.mktemp('scene')
         sequence = simulate(config, np.random.default_rng(seed))

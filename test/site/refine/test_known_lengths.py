@@ -23,7 +23,7 @@ def test_ends_of_dashes():
     np.testing.assert_allclose(dash_ends(s, grey, True, 8.0), [7.875, 15.875])
     order = np.random.default_rng(0).permutation(len(s))
     np.testing.assert_allclose(dash_ends(s[order], grey[order], True, 8.0), [7.875, 15.875])
-    grey[(s > 7) & (s < 9)] = np.nan  # a gap of 2 m in what is seen
+    grey[(s > 7) & (s < 9)] = np.nan  # a gap of 2 m in the visible part
     np.testing.assert_allclose(dash_ends(s, grey, True, 8.0), [15.875])
     assert dash_ends(s, np.full(len(s), np.nan), True, 8.0).size == 0
     assert dash_ends(np.zeros(0), np.zeros(0), True, 8.0).size == 0

@@ -61,7 +61,7 @@ def test_tilt_and_roll_in_images(rig):
     assert found.details > 300 and found.residual_px > 0.2
     assert np.all(np.abs(found.drift_rad - drift)[1:] < 3 * std[1:])
     assert np.degrees(std[1]) < 0.002 and np.degrees(std[2]) < 0.02
-    # a pan is hardly told by epipolar lines
+    # epipolar lines hardly constrain a pan
     assert std[0] > 5 * std[1]
 
 

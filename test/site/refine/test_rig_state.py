@@ -82,14 +82,14 @@ def test_two_looks_that_agree_determine_the_new_state(measured_with):
     second = rig_state(used, simulate(turned, np.random.default_rng(6)).pairs,
                        suspected=first.stance)
     assert second.confirmed
-    # speeds by what it found are right where those of the site are off by tenths
+    # speeds with the found state are right where those with the site are off by tenths
     seen_by = used.rig.drifted(np.radians(turned.rig_moved_deg))
     true = {name: Setup(lane.path, seen_by) for name, lane in used.lanes.items()}
     for stance, most in ((second.stance, 0.01), (used, None)):
         errors = [abs(speed_error(true[name], Setup(stance.lanes[name].path, stance.rig)))
                   for name in used.lanes]
         assert max(errors) < most if most else min(errors) > 0.05
-    # and what was measured with can be measured with again from its record
+    # and the setup can be restored from its record
     stance = second.stance
     measured = MeasuringSite(stance.site, stance.rig, stance.lanes, corrected=True)
     told = Instrument.of('run', measured, PipelineConfig()).text()
