@@ -35,9 +35,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_collection_modifyitems(items):
     """
-    Try tests of several processes again: a busy machine may keep these apart for too long.
+    Rerun failed tests of several processes, which a busy machine may delay for too long.
 
-    What one sends over DDS before another has discovered it is lost, and a browser gives up.
+    A DDS message sent before its receiver is discovered is lost, and a browser times out.
     """
     for item in items:
         if 'private_graph' in item.fixturenames or any(
@@ -78,8 +78,8 @@ def private_graph():
 def stand_in(private_graph):
     """Return a node whose ``wait(condition, seconds)`` spins it until the condition holds."""
     import rclpy
-    # Nodes of this process that an error ended live on as garbage, which one that was configured
-    # here has frozen: their services, which nobody spins, would be taken for those of the test's.
+    # Nodes that ended with an error may survive as frozen garbage, and their services, which no
+    # executor spins, would be found in place of the test's.
     gc.unfreeze()
     gc.collect()
     from rclpy.context import Context
@@ -129,12 +129,12 @@ def make_rig(distorted=False):
 def build_scene(curvature=0.0, grade=0.0, seed=0, std_px=0.3, distorted=False, crest=0.0,
                 twist=0.0, step_m=0.0):
     """
-    Make a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
+    Return a road of constant curvature (1/m), 120 m or 65 m long, seen from ahead.
 
     :param grade: in its middle.
     :param crest: by how much the grade falls, per metre.
     :param twist: by how much the crossfall grows from its middle to its end.
-    :param step_m: by how much the middle line is off to the left from 0.5 to 0.7 of the road.
+    :param step_m: offset of the middle line to the left from 0.5 to 0.7 of the road.
     """
     rng, rig = np.random.default_rng(seed), make_rig(distorted)
     s = np.linspace(0, 120 if curvature < 0.02 else 65, 2401)
@@ -195,9 +195,9 @@ def sample() -> Path:
 @pytest.fixture(scope='session')
 def rewrite() -> Callable[..., Path]:
     """
-    Give the function that rewrites the first pairs of the sample's bag.
+    Return the function that rewrites the first pairs of the sample's bag.
 
-    Its ``change(topic, number, msg)`` gives the message to write, or None to leave it out.
+    Its ``change(topic, number, msg)`` returns the message to write, or None to leave it out.
     """
     def write(folder: Path, change: Change = _same, pairs: int = PAIRS) -> Path:
         with AnyReader([SAMPLE / 'bag']) as reader, \

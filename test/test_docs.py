@@ -77,7 +77,7 @@ def words_of_the_code() -> set[str]:
     return set(re.findall(r'\w+', ' '.join([text, *stems, *(body for _, body in examples)])))
 
 
-# -- what is named exists ---------------------------------------------------------------------
+# -- names exist ------------------------------------------------------------------------------
 
 
 @each_page

@@ -134,7 +134,7 @@ def test_nothing_more_is_read_ahead_after_an_error(sample):
         raise ZeroDivisionError
     with StereoBag(sample / 'bag') as bag, pytest.raises(ZeroDivisionError) as kept:
         replay.measure(bag, SimpleNamespace(process=fail), keep_frames=False, read_ahead=True)
-    assert kept.tb is not None  # which holds what was under way, as whoever catches it does
+    assert kept.tb is not None  # as a handler that holds the exception would
     assert not [one.name for one in threading.enumerate() if one.name.startswith('ahead')]
 
 

@@ -72,7 +72,7 @@ def test_unevenness_is_less_certain_after_few_intervals():
 @pytest.mark.parametrize('stamps_ns', [
     PERIOD_NS * np.arange(5.0),  # too few for an estimate
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
-    PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # as it should be
+    PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60),  # in tolerance
     PERIOD_NS * np.arange(60) + 30_000_000 * (np.arange(60) > 50)])  # a step
 def test_even_stamps_with_missing_images_and_steps_are_not_reported(stamps_ns):
     assert unevenness_s(stamps_ns) is None
@@ -186,7 +186,7 @@ def test_speeds_near_an_odd_stamp_are_doubted_by_its_share():
 @pytest.mark.parametrize('stamps_ns', [
     PERIOD_NS * np.arange(60),
     PERIOD_NS * np.delete(np.arange(60), [30, 31, 45, 52, 53]),
-    PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60)])  # as it should be
+    PERIOD_NS * np.arange(60) + np.random.default_rng(0).normal(0, 2e5, 60)])  # in tolerance
 def test_regular_stamps_have_no_odd_share(stamps_ns):
     assert not odd_shares(stamps_ns)[3:].any()
 

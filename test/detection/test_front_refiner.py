@@ -105,7 +105,7 @@ def test_upright_fronts_are_separated_from_flat_markings(interval):
     refiner = refiner_of()
     front, = refiner.refine([Proposal(AT.s_m, AT.x_m)], interval, NOISE)
     assert 1 - refiner.lying_ncc(front, interval.now) > 2 * (1 - front.cross_ncc)
-    # Through a plane some metres before it one looks onto what is painted on the road.
+    # Through a plane some metres in front of it a painted marking on the road is visible.
     lying = pyramids_of(pair_of([replace(AT, lying=True)], 1))
     assert max(refiner.lying_ncc(replace(front, s_m=AT.s_m + d), lying)
                for d in np.arange(0.0, 6.0, 0.5)) > 0.9

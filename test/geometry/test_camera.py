@@ -21,7 +21,7 @@ LENSES = {
 
 
 def make(model, d):
-    """Make a camera with a lens."""
+    """Return a camera with a lens."""
     return Camera(name='left', width_px=1024, height_px=768, K=K, D=d, model=model)
 
 

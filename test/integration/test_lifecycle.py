@@ -73,7 +73,7 @@ def test_lifecycle_manager_can_start_stop_and_restart_measuring(stand_in, sample
             assert manager.change(ACTIVATE) == (True, ACTIVE)
             with Process('replay_node', f'bag:={sample / "bag"}', 'rate:=2') as replay:
                 stand_in.wait(replay.ended, STARTUP_S)
-            assert len(told) == track  # no pair tells that the vehicle has gone
+            assert len(told) == track  # no pair shows yet that the vehicle has left
             assert manager.change(DEACTIVATE) == (True, INACTIVE)
             stand_in.wait(lambda: len(told) == track + 1, EVENT_S)
             stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw') == 0, EVENT_S)

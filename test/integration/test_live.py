@@ -211,7 +211,7 @@ def test_sync_pairs_equal_stamps_counts_the_rest_and_survives_a_jump(rig_node):
     second = 1_000_000_000
     with Process('stereo_sync_node', *RELIABLE_IMAGES, *RELIABLE_INFOS):
         rig_node.wait(lambda: all(p.get_subscription_count() for p in rig_node.send.values())
-                      and counts, STARTUP_S)  # the node knows who listens
+                      and counts, STARTUP_S)  # subscribers are discovered
         for ns in (100 * second, 101 * second, 102 * second):
             rig_node.send['left'].publish(image(ns, 10))
             if ns != 101 * second:  # one right image is lost on the way

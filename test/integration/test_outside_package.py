@@ -87,7 +87,7 @@ def test_tracker_is_evaluated_with_others(sample, environment, tmp_path):
     row, = csv.DictReader((tmp_path / '0_straight55.csv').open())
     assert row['tracker'] == 'outside_clock'
     assert float(row['truth, mph']) == pytest.approx(55.0, abs=0.01)
-    assert 0 <= float(row['sd, mph']) < 1e-6  # it says the same speed in every pair
+    assert 0 <= float(row['sd, mph']) < 1e-6  # the same speed in every pair
 
 
 def test_both_run_in_the_tracker_node(sample, environment, private_graph):

@@ -90,7 +90,7 @@ def test_jpeg_of_a_false_size_is_refused():
 @pytest.mark.parametrize(
     'data', [b'', b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n', b'GIF89a', bytes(40)])
 def test_invalid_image_is_refused(data):
-    image, why = decoded(data)  # libpng, of some versions of OpenCV, says more
+    image, why = decoded(data)  # libpng of some OpenCV versions adds details
     assert image is None and why.startswith(f'{len(data)} bytes that cannot be decoded')
     assert '\n' not in why
     assert stated_size(data) is None

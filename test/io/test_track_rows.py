@@ -55,7 +55,7 @@ def test_rows_equal_those_of_the_table_written_at_once(tmp_path, seed):
     assert (tmp_path / 'tracks.csv').read_text() == tracks_csv(
         [u for updates, _, _ in steps for u in updates if u.track in vehicles],
         [p for _, passes, _ in steps for p in passes])
-    # No row waits longer than the longest track, of 25 pairs with at most so many vehicles.
+    # No row waits longer than the longest track: 25 pairs, with a limited number of vehicles.
     assert most <= 25 * max(len(tracks) for _, _, tracks in steps) * 2
 
 

@@ -82,7 +82,7 @@ def test_truncated_file_lacks_its_last_frames(tmp_path, bags, frames):
     path.write_bytes(data[:int(0.8 * len(data))])
     read = len(list(read_frames(path)))
     assert 0 < read < COUNT - 1 and frames_missing(path, read) == COUNT - read
-    # these do not tell
+    # these do not state it
     assert frames_missing(as_folder(tmp_path / 'folder', frames), 1) == 0
     assert frames_missing(as_bag(bags, tmp_path / 'mcap', frames), 1) == 0
 

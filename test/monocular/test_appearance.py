@@ -128,7 +128,7 @@ def test_points_outside_the_image_are_left_out():
     np.testing.assert_allclose(visible, [0.5, 0.25, 0])
     np.testing.assert_allclose(seen, visible)
     np.testing.assert_allclose(alike, [1, 1, 0])
-    # a box partly outside looks like what is seen of it
+    # a box partly outside looks like its visible part
     np.testing.assert_allclose(Appearance(PAPER, frame, found).reference.histogram,
                                target.reference.histogram)
 

@@ -18,7 +18,7 @@ def flat(level, block=None, colour=200):
     image = np.full((HEIGHT, WIDTH, 3), level, np.uint8)
     if block is not None:
         x, y, w, h = block
-        image[y:y + h, x:x + w, 1] = colour  # one channel is enough to tell
+        image[y:y + h, x:x + w, 1] = colour  # one channel is sufficient
     return image
 
 

@@ -14,7 +14,7 @@ ANGLES = (10, 37, 63, 128, 205)
 
 
 def ring(centre, radius_px, count=180):
-    """Give points (count, 2) of a circle and their unit radii."""
+    """Return points (count, 2) of a circle and their unit radii."""
     turn = np.linspace(0, 2 * np.pi, count, endpoint=False) + 0.01
     radial = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     return np.asarray(centre) + radius_px * radial, radial

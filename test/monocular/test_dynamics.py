@@ -109,7 +109,7 @@ def test_predicted_contour_is_reached_on_smooth_maps(maps, seed):
     missed = np.abs(field.level(point + moved) - field.level(point) - rate)[sure]
     kept = np.abs(field.level(point + velocity) - field.level(point) - rate)[sure]
     assert np.median(missed) < 0.02 and np.quantile(missed, 0.95) < 0.15
-    assert np.median(kept) > 0.2  # what it would be without
+    assert np.median(kept) > 0.2  # the value without it
 
 
 def test_motion_on_a_ridge_is_unchanged():

@@ -57,7 +57,7 @@ def test_sampler_draws_from_the_product():
     found, log_weights = draw(20000, 100, seed=1)
     assert np.all(log_weights == 0)  # all accepted
     assert stats.kstest(found[:, 0], WANTED.cdf).pvalue > 1e-3
-    # the test can tell: without the prior, of another width, of another mean
+    # the test is sensitive: without the prior, with another width, with another mean
     for wrong in (stats.norm(0, 1), stats.norm(WANTED.mean(), 1.07 * WANTED.std()),
                   stats.norm(MEAN, WANTED.std())):
         assert stats.kstest(found[:, 0], wrong.cdf).pvalue < 1e-6

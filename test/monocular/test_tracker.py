@@ -140,7 +140,7 @@ def test_occluded_target_is_reacquired(road, maps):
         assert found[1, 26].state is TargetState.TRACKED
         assert overlaps(road, found)[-8:].min() > 0.4
         assert ends[0].state is TargetState.STREAM_ENDED
-        # meanwhile it went on along the road
+        # it has moved on along the road
         assert overlaps(road, found)[9:14].min() > 0.1
 
 
@@ -219,7 +219,7 @@ def test_nearest_target_occludes_in_frames_skipped_by_its_stride(road, maps, mon
         if number == 3:
             near = found[1]
     moved = near.box_px + [*near.velocity_px, 0, 0]
-    np.testing.assert_allclose(occluders, [moved])  # nobody is behind the last one
+    np.testing.assert_allclose(occluders, [moved])  # no target is behind the last one
     both = [replace(t, frame=1) for t in targets]
     for covering, wanted in ((True, [targets[0].box_px]), (False, [])):
         occluders.clear()

@@ -27,7 +27,7 @@ def test_boxes_come_back(boxes):
 
 
 def cloud(fields, data, step, width=1, **changes):
-    """Make a cloud of fields (name, datatype, offset)."""
+    """Return a cloud of fields (name, datatype, offset)."""
     return PointCloud2(
         height=1, width=width, point_step=step, row_step=step * width, data=data,
         fields=[PointField(name=n, datatype=kind, offset=at, count=1) for n, kind, at in fields],

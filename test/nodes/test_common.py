@@ -67,5 +67,5 @@ def test_node_stopped_twice_completes_its_shutdown(private_graph, tmp_path, agai
     handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     assert common.run(Listening, given, lambda node: os.kill(os.getpid(), signal.SIGINT)) == 0
     assert ended == ['closed', 'destroyed']
-    # What is started afterwards can be ended.
+    # A process started afterwards can be ended.
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == handlers

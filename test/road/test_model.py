@@ -60,7 +60,7 @@ def test_vertical_curve_lies_between_two_grades():
     want = -0.05 * (np.clip((s - 6) / 24 + 0.5, 0, 1) - 0.25)
     ends = np.minimum(np.abs(s + 6), np.abs(s - 18)) < s[1] - s[0]
     np.testing.assert_allclose(grade[~ends], want[~ends], atol=1e-12)
-    # rounded over two nodes: there it misses an eighth of what it changes between two nodes
+    # rounded over two nodes: there the error is an eighth of the change between two nodes
     np.testing.assert_allclose(grade, want, atol=0.05 / 24 * (s[1] - s[0]) / 8 + 1e-12)
 
 

@@ -30,7 +30,7 @@ def picks_on(rig, off_px=0.0):
 
 @pytest.fixture
 def rig(make_scene):
-    """Give a parallel rig."""
+    """Return a parallel rig."""
     return make_scene().rig
 
 

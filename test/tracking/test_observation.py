@@ -45,7 +45,7 @@ def test_patches_are_the_texture_of_the_front(clear, pair):
     texture = clear.texture(x, y)
     np.testing.assert_allclose(seen.patches.mean(axis=1), 0.0, atol=1e-9)
     np.testing.assert_allclose(seen.patches.std(axis=1), 1.0)
-    for patch in seen.patches:  # but for the low-pass
+    for patch in seen.patches:  # except for the low-pass
         assert np.corrcoef(patch, texture)[0, 1] > 0.97
 
 

@@ -133,7 +133,7 @@ class Scene:
 
 @pytest.fixture
 def scene(parallel):
-    """Make scenes without images."""
+    """Return the function that makes scenes without images."""
     return lambda *args, **changes: Scene(parallel, *args, **changes)
 
 

@@ -14,7 +14,7 @@ K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 
 
 def make_rig():
-    """Make a parallel rig."""
+    """Return a parallel rig."""
     camera = Camera(name='c', width_px=1024, height_px=768, K=K, D=(), model='plumb_bob')
     return StereoRig(camera, camera, np.eye(3), np.array([-0.5, 0, 0]))
 

@@ -15,7 +15,7 @@ K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 
 
 def make_rig(d=()):
-    """Make a rig that is not parallel."""
+    """Return a rig that is not parallel."""
     left = Camera(name='left', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
     right = Camera(name='right', width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
     return StereoRig(left, right, cv2.Rodrigues(np.array([0.01, -0.03, 0.005]))[0],

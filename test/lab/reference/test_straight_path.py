@@ -16,7 +16,7 @@ START, TRAVEL = np.array([-4.0, 2.0, 70.0]), np.array([0.08, 0.02, -1.0])
 
 
 def make_rig(d=(-0.2, 0.1, 1e-3, -1e-3), r=(0.004, -0.02, 0.003)):
-    """Make a rig with distortion whose cameras are not parallel."""
+    """Return a rig with distortion whose cameras are not parallel."""
     cameras = [Camera(name=n, width_px=1024, height_px=768, K=K, D=d, model='plumb_bob')
                for n in ('left', 'right')]
     return StereoRig(*cameras, cv2.Rodrigues(np.array(r, dtype=float))[0],

@@ -122,7 +122,7 @@ def test_scatter_of_picks_and_initial_fronts():
     rng = np.random.default_rng(3)
     true = picked_site(SimScene(straight_config(pick_std_px=0.0)), np.random.default_rng(1))
     site = picked_site(scene, np.random.default_rng(1))
-    # The first line's picks start from the same draw; their scatter is what was asked for.
+    # The first line's picks start from the same draw; their scatter is as configured.
     gap = np.subtract(site['lines']['edge_right']['left_image'],
                       true['lines']['edge_right']['left_image'])
     assert 0.15 < gap.std() < 0.45

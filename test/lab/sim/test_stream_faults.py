@@ -60,7 +60,7 @@ def test_no_fault_changes_nothing():
 ])
 def test_effect_of_each_fault(fault, holds):
     faulty = [one for one in taken(fault) if not is_sound(one)]
-    # the first pair of a frozen view is as it was taken
+    # the first pair of a frozen view is unchanged
     assert len(faulty) > 5 and all(map(holds, faulty))
 
 

@@ -16,7 +16,7 @@ F_PX, HEIGHT_M = 900.0, 3.0
 
 @pytest.fixture(scope='module')
 def view(drawn):
-    """Give the right-hand line in an image whose grey level is the column."""
+    """Return the right-hand line in an image whose grey level is the column."""
     ramp = np.tile(np.arange(640.0), (360, 1))
     return LineView(drawn.fit, 0, False, SplineImage(ramp, np.float64), 1.0)
 

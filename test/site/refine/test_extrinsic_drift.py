@@ -70,6 +70,6 @@ def test_equally_good_road_without_a_pan_prevents_a_correction():
     crest = FamilyDrift(10.0, np.zeros(3), small)
     drift = decide_drift([plane, crest])
     assert not drift.moved and drift.moved_probability < 0.02
-    # where both are as likely, what is not corrected is uncertain
+    # if both are equally likely, the uncorrected angle is uncertain
     drift = decide_drift([plane, crest._replace(log_evidence=-6.0)])
     assert np.degrees(drift.std_rad[0]) > 0.005

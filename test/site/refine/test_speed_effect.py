@@ -14,7 +14,7 @@ from stereo_speed.site.refine.speed_effect import heading_effect, Setup, speed_e
 
 
 def make_rig(baseline_m=0.5):
-    """Make a parallel rig."""
+    """Return a parallel rig."""
     k = np.array([[1800.0, 0.0, 511.5], [0.0, 1800.0, 383.5], [0.0, 0.0, 1.0]])
     cameras = [Camera(n, 1024, 768, k, np.zeros(0), 'plumb_bob') for n in ('left', 'right')]
     return StereoRig(*cameras, np.eye(3), np.array([-baseline_m, 0.0, 0.0]))
