@@ -685,7 +685,7 @@ def _as_built(shape: RoadShape) -> list[RoadShape]:
         options.append({'vertical': 0, 'vertical_curve': VERTICAL_CURVE})
     if shape.twist > 1 and not shape.run_off:
         options.append({'twist': 0, 'run_off': RUN_OFF})
-    if shape.curvature > 1 and not shape.transition:
+    if shape.curvature > 2 and not shape.transition:
         options.append({'curvature': 1, 'transition': TRANSITION})
     chosen = sorted(product((True, False), repeat=len(options)), key=sum, reverse=True)
     return [shape._replace(**{key: count for option, one in zip(options, taken) if one
