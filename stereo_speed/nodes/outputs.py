@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import threading
+import time
 from typing import Any, Mapping, Optional, Sequence
 
 import cv2
@@ -35,6 +36,7 @@ from ..report.overlay import draw
 _ACK_WAIT = Duration(seconds=1)  # for the last passes, when the node stops
 _LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # of markers
 _JPEG_QUALITY = 80
+_INTRODUCED_S = 1.0  # after which what measures is told, however busy it is
 
 
 class Outputs:
@@ -54,6 +56,8 @@ class Outputs:
         # Told by two threads: that which measures, and that which runs self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
+        self._begun: Optional[tuple[SpeedPipeline, MeasuringSite, PipelineConfig]] = None
+        self._begun_s = 0.0
         self._self_test: Optional[Mapping[str, Any]] = None
 
         def publisher(kind: type, topic: str) -> Any:
@@ -76,12 +80,30 @@ class Outputs:
     def begin(self, pipeline: SpeedPipeline, place: MeasuringSite, config: PipelineConfig
               ) -> None:
         """
-        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+        Be told what measures from now on; ``introduce`` will tell it.
 
         :param pipeline: that measures from now on.
         :param place: the site as it is measured at.
         :param config: the parameters.
         """
+        self._begun, self._begun_s = (pipeline, place, config), time.monotonic()
+
+    @property
+    def introduction_is_late(self) -> bool:
+        """Return whether ``introduce`` may wait no longer, however many pairs do."""
+        return self._begun is not None and time.monotonic() - self._begun_s > _INTRODUCED_S
+
+    def introduce(self) -> None:
+        """
+        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+
+        It takes as long as two pairs, and readings come first: so it is done when no pair waits,
+        once for each pipeline.
+        """
+        begun, self._begun = self._begun, None
+        if begun is None:
+            return
+        pipeline, place, config = begun
         with self._telling:
             self._tell_instrument(Instrument.of(self.run, place, config))
         self.paths.publish(MarkerArray(markers=path_markers(

@@ -121,6 +121,20 @@ def test_one_process_survives_a_bad_message_and_measures_the_pass(fault, stand_i
         assert abs(reading.twist.twist.linear.x - 55 * MPH_MPS) < 4 * std
 
 
+def test_the_processes_that_work_for_a_node_are_forks_of_it(stand_in, sample):
+    """They share what it has loaded."""
+    from stereo_speed.nodes.common import RELIABLE
+    said = []
+    stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: said.extend(
+        s.message for s in m.status if s.name == 'tracker_node: pipeline'), RELIABLE)
+    with Process('tracker_node', f'site:={sample / "site.yaml"}') as node:
+        stand_in.wait(lambda: said and said[-1] != 'not configured', STARTUP_S)
+        for module in 'search_process', 'pass_process':
+            folder = Path('/proc') / str(helper_of(node.process.pid, module))
+            assert b'stereo_speed.nodes.tracker_node' in (folder / 'cmdline').read_bytes()
+            assert (folder / 'comm').read_text().strip() == module
+
+
 @pytest.mark.parametrize(('module', 'fault'), [
     ('search_process', 'searches for vehicles without a process of its own'),
     ('pass_process', 'measures passes without a process of its own')])
