@@ -21,7 +21,8 @@ from .common import (
     byte_array, image_message, LATCHED, latched_options, LATEST, Parameters, qos_options,
     RELIABLE, to_stamp)
 from .frames import StaticFrames
-from .messages import deletions, markers, odometry, path_markers, speed_of
+from .messages import deletions, markers, odometry, path_markers
+from .speeds import speed_of
 from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
