@@ -25,6 +25,8 @@ from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, CarriesOn, DoubtsStamps, TellsAge, Tracker, TrackStart
 from ..tracking.upright import Upright
 
+MOST_FED = 12  # pairs with which a track may have to begin anew
+
 
 @dataclass(eq=False)
 class Track:
@@ -50,6 +52,8 @@ class Track:
     :param hurried: whether its tracker was told to do little with the newest pair.
     :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
     :param turn: the pair that its tracker is fed meanwhile; None while there is none.
+    :param fed: the pairs that it was fed, while it may have to begin anew with other times of the
+        right view; None once it may not.
     :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
     :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
     """
@@ -72,6 +76,7 @@ class Track:
     hurried: bool = False
     unhurried_ns: Optional[int] = None
     turn: Optional[Turn] = None
+    fed: Optional[list[StereoPair]] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -87,6 +92,8 @@ class Track:
 
     def feed(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Feed a pair to its tracker, and to what else gathers evidence; return what it says."""
+        if self.fed is not None:
+            self.fed = [*self.fed, pair] if len(self.fed) < MOST_FED else None
         return self.gather(pair, self.tracker.update(pair))
 
     def gather(self, pair: StereoPair, update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:
