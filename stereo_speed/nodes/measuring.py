@@ -13,6 +13,7 @@ No pair and no calibration ends it. What is configured wrongly does, in the node
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import gc
@@ -218,7 +219,8 @@ class Measuring:
         if self._thread is not None and self._thread.is_alive():
             raise MeasuringError('the last passes are still being measured')
         self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
-        gc.collect()
+        if self._thread is not None:  # there was another activation
+            gc.collect()
         gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
         self._begin_anew()
         if hasattr(DETECTORS.load(self.config.detector), 'offer'):
@@ -397,6 +399,9 @@ class Measuring:
             return
         pairs = [pair for arrival in self._waiting
                  if (pair := self._made(arrival)) is not None] if settings.refine_pairs else None
+        with suppress(InputError):  # which is told when it is measured
+            first = self._waiting[0]
+            self._order.begin(rig, first.pair(first.index))  # while the road is laid out
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
             pipeline = self._measure_at(place)

@@ -54,7 +54,7 @@ def line_of_the_listener_of_the_readme():
 
 def test_a_pass_is_told_when_the_stream_stops_and_to_who_comes_late(stand_in, sample, tmp_path):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
-    from stereo_speed.nodes.messages import speed_of
+    from stereo_speed.nodes.speeds import speed_of
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
                  '--out', str(tmp_path), '--no-plots']) == 0
     row, = csv.DictReader((tmp_path / 'passes.csv').open())
