@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import argparse
 from contextlib import AbstractContextManager, ExitStack
+import fcntl
 import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Mapping, Optional, Sequence
+import tempfile
+from typing import Mapping, Optional, Sequence, TextIO
 
 import cv2
 import numpy as np
@@ -56,6 +58,9 @@ RELIABLE_IMAGES, RELIABLE_INFOS = (
 EVERY_PAIR = 'most_wait_s:=60', 'hurry:=false'
 # The whole chain must be connected before the first image.
 WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
+
+_DOMAINS = 80  # from 20 on
+_held: list[TextIO] = []  # locks, which end with this process
 
 Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma m/s
 
@@ -199,12 +204,33 @@ def _check(nodes: Sequence[Process]) -> bool:
 
 
 def private_graph() -> None:
-    """Isolate the demo's ROS graph: its own domain, this machine only, large messages."""
-    os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
+    """Keep the demo's graph apart from others: own domain, this machine only, large images."""
+    if 'ROS_DOMAIN_ID' not in os.environ:
+        os.environ['ROS_DOMAIN_ID'] = str(_own_domain())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     profile = _ROOT / 'config' / 'fastdds.xml'
     if profile.exists():
         os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+
+
+def _own_domain() -> int:
+    """
+    Return the number of a domain that nobody has who asks for one here, for as long as this lives.
+
+    :raises DemoError: there is none left.
+    """
+    for n in range(_DOMAINS):
+        domain = 20 + (os.getpid() + n) % _DOMAINS
+        name = f'stereo_speed_domain_{os.getuid()}_{domain}'
+        lock = (Path(tempfile.gettempdir()) / name).open('w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:  # two graphs would hear each other's cameras
+            lock.close()
+            continue
+        _held.append(lock)
+        return domain
+    raise DemoError('demo: ROS_DOMAIN_ID: found all domains taken, wanted a free one')
 
 
 class Process(AbstractContextManager['Process']):

@@ -14,6 +14,7 @@ from importlib import import_module
 from mmap import mmap
 from multiprocessing.connection import Connection
 import os
+from pathlib import Path
 import signal
 import socket
 import struct
@@ -25,9 +26,10 @@ from typing import Any, Callable, Iterable, Iterator, Optional, Union
 
 from .threads import one_blas_thread
 
-_START_S = 30.0  # time limit of a start, which takes two seconds on an idle machine
-_END_S = 2.0  # time that a helper has to end by itself
-_POLL_S = 0.005  # interval of the checks whether a fork has ended
+_START_S = 30.0  # that it may take to start: two, on a machine that is not busy
+_END_S = 2.0  # to end by itself
+_POLL_S = 0.005  # between two looks whether a fork has ended
+_LONGEST_NAME = 15  # of a process, as the system keeps it
 
 
 _ENDS = (signal.SIGINT, signal.SIGTERM)
@@ -270,7 +272,17 @@ def _forked(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]) ->
     main = import_module(module).main
 
     def work() -> None:
+        _name_process(module.rpartition('.')[2])
         for fd in others:
             os.close(fd)
         main(pipe_fd, memory_fd)
-    return Fork(work)
+    with _ends_held_back():
+        return Fork(work)
+
+
+def _name_process(name: str) -> None:
+    """Give this process a name of its own, for a fork has the command line of its parent."""
+    try:
+        Path('/proc/self/comm').write_text(name[:_LONGEST_NAME])
+    except OSError:  # then it has none
+        pass

@@ -116,6 +116,16 @@ class TraceBuilder:
         self._trace = trace
         self._pairs: list[TracePair] = []
 
+    @property
+    def begun(self) -> PassTrace:
+        """Return how the track began."""
+        return self._trace
+
+    def see_others_of(self, other: TraceBuilder) -> None:
+        """Take over what another trace of the same pairs has of other vehicles."""
+        others = {p.stamp_ns: p.others for p in other._pairs}
+        self._pairs = [replace(p, others=others.get(p.stamp_ns, ())) for p in self._pairs]
+
     def add(self, pair: StereoPair, particles: Optional[int],
             update: Optional[TrackUpdate], *, hurried: bool = False,
             stamp_std_s: Optional[float] = None) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 from typing import Mapping, Optional, Sequence
 
@@ -120,13 +121,21 @@ class PlaneSweepDetector:
         self.spacing = self._search.spacing
         self._sweeps = {name: PlaneSweep(geometry, config)
                         for name, geometry in self._search.geometry.items()}
-        self._regions = self._looked_at(list(self._sweeps))
-        self._regions_of = {lane: self._looked_at([lane]) for lane in self._sweeps}
         self._past: deque[PairPyramids] = deque()
         self._due: deque[str] = deque()  # lanes that are still to be searched in this round
         self._last_ns: Optional[int] = None
         self._last_index: Optional[int] = None
         self._noise, self._searched = NoiseEstimate(), 0
+
+    @cached_property
+    def _regions(self) -> PairRegions:
+        """Return what of the images all sweeps look at; where another process searches none do."""
+        return self._looked_at(list(self._sweeps))
+
+    @cached_property
+    def _regions_of(self) -> dict[str, PairRegions]:
+        """Return what of the images the sweep of each lane looks at."""
+        return {lane: self._looked_at([lane]) for lane in self._sweeps}
 
     def _looked_at(self, lanes: Sequence[str]) -> PairRegions:
         """Return the regions of the images that the sweeps of lanes use."""

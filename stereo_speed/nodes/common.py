@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from array import array
 import dataclasses
+from functools import partial
 import os
 import signal
 import sys
@@ -267,7 +268,8 @@ def _print_help(make: Callable[[], Node]) -> None:
         finally:
             os.chdir(here)
             rclpy.try_shutdown()
-    print((sys.modules[make.__module__].__doc__ or '').strip())
+    kind = make.func if isinstance(make, partial) else make
+    print((sys.modules[kind.__module__].__doc__ or '').strip())
     print('\nusage: NODE [--ros-args -p NAME:=VALUE ... --params-file FILE -r FROM:=TO]')
     print('\nparameters, with their defaults in brackets (qos_overrides not listed):')
     print('\n'.join(Parameters.told))

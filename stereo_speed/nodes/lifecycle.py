@@ -8,14 +8,16 @@ enough. Otherwise a lifecycle manager, or ``ros2 lifecycle set``, does so.
 """
 from __future__ import annotations
 
-from typing import Callable, Optional
+from functools import partial
+from typing import Callable, Optional, Sequence
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from .common import Parameters
+from .common import Parameters, run
 from .diagnostics import Diagnostics
+from .helpers import Helpers
 from .measuring import Measuring
 from .outputs import Outputs
 from ..core.errors import StereoSpeedError
@@ -29,17 +31,20 @@ class MeasuringNode(LifecycleNode):
     read the site and subscribes to calibrations; in the active state it measures. If a transition
     fails, the state does not change, and the error is logged.
 
-    :param name: name of the node.
-    :param speeds: whether to publish ``vehicle_speed`` too.
+    :param name: of the node.
+    :param speeds: publish ``vehicle_speed`` too.
+    :param helpers: processes that were made for it.
     """
 
-    def __init__(self, name: str, *, speeds: bool = False) -> None:
+    def __init__(self, name: str, *, speeds: bool = False, helpers: Optional[Helpers] = None
+                 ) -> None:
         super().__init__(name)
         self.p, self.diagnostics = Parameters(self), Diagnostics(self)
         self.autostart: bool = self.p.get(
             'autostart', True, 'configure and activate at the start; false to wait for a '
             'lifecycle manager')
-        self.measuring = Measuring(self, self.p, Outputs(self, self.p, speeds=speeds))
+        self.measuring = Measuring(self, self.p, Outputs(self, self.p, speeds=speeds),
+                                   helpers)
         self.diagnostics.tasks.update(self.measuring.tasks)
         # For a transition that is not possible in the present state, rclpy raises, which would
         # end the node.
@@ -57,9 +62,13 @@ class MeasuringNode(LifecycleNode):
         raise NotImplementedError
 
     def activate(self) -> None:
-        """Begin to measure."""
-        self.measuring.activate()
+        """Measure what comes; what does so while kernels are loaded waits in its queue."""
         self.subscribe()
+        try:
+            self.measuring.activate()
+        except StereoSpeedError:
+            self.unsubscribe()
+            raise
 
     def deactivate(self) -> None:
         """End the passes that are still open."""
@@ -140,3 +149,14 @@ class MeasuringNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE if isinstance(error, StereoSpeedError) \
                 else TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
+
+
+def run_measuring(kind: type[MeasuringNode], helpers: Helpers, args: Sequence[str]) -> int:
+    """
+    Run a node that measures until it is told to stop; return its exit status, as of ``run``.
+
+    :param kind: its class.
+    :param helpers: processes that were made for it.
+    :param args: command line.
+    """
+    return run(partial(kind, helpers=helpers), args)

@@ -17,7 +17,7 @@ from .common import (
     LATCHED, latched_options, Parameters, qos_options, RELIABLE, run, stamp_ns)
 from .diagnostics import Diagnostics
 from .health import ERROR, State
-from .messages import speed_of
+from .speeds import speed_of
 from ..core.errors import InputError
 from ..io.pass_log import PassLog
 

@@ -13,6 +13,7 @@ No pair and no calibration can stop it. A wrong configuration does, in the node'
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import gc
@@ -30,6 +31,7 @@ from .calibration import CalibrationWatch
 from .common import Parameters, qos_options, RELIABLE, stamp_ns
 from .diagnostics import Task
 from .health import Arrivals, ERROR, Refusals, Repeats, State, WARN
+from .helpers import Helpers
 from .measuring_settings import MeasuringSettings, MOST_REFINE_PAIRS
 from .measuring_state import ClockSteps, Counts, tell_stamps, tell_steadiness
 from .order_watch import OrderWatch
@@ -43,12 +45,12 @@ from ..core.compiled import warm_up
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
 from ..core.records import StereoPair
-from ..detection.beside import DetectorBeside, SearchProcess
+from ..detection.beside import DetectorBeside
 from ..detection.detector import PlaneSweepDetector
 from ..detection.protocol import ImageBox, TakesBoxes
 from ..pipeline.assembly import MakeDetector, MeasuringSite
 from ..pipeline.conclusions import Beside, Measure
-from ..pipeline.pass_process import measured_beside, PassProcess
+from ..pipeline.pass_process import measured_beside
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.registry import DETECTORS
 from ..pipeline.solving import SolvingBeside
@@ -94,11 +96,13 @@ class Measuring:
 
     :param node: the node that it works for.
     :param p: declares the parameters.
-    :param outputs: publishes the results.
+    :param outputs: publishes what comes of it.
+    :param helpers: processes that were made for it.
     :raises InputError: a parameter that cannot be used.
     """
 
-    def __init__(self, node: Node, p: Parameters, outputs: Outputs) -> None:
+    def __init__(self, node: Node, p: Parameters, outputs: Outputs,
+                 helpers: Optional[Helpers] = None) -> None:
         self.node, self.outputs, self.log = node, outputs, node.get_logger()
         self.settings = settings = MeasuringSettings.declare(node, p)
         self.config = settings.config
@@ -111,8 +115,9 @@ class Measuring:
         self._infos: list[OfferedSubscription] = []
         self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # further callbacks
         self._boxes_subscription: Optional[Subscription] = None
-        self._searcher = Worker('searches for vehicles', SearchProcess, self.log)
-        self._passer = Worker('measures passes', PassProcess, self.log)
+        self._helpers = Helpers() if helpers is None else helpers
+        self._searcher = Worker('searches for vehicles', self._helpers.search_process, self.log)
+        self._passer = Worker('measures passes', self._helpers.pass_process, self.log)
         self._thread: Optional[threading.Thread] = None
         self._failure: Optional[BaseException] = None
         self._next_track = 0
@@ -162,14 +167,12 @@ class Measuring:
                              'the path of the site file')
         self.site = load_site(settings.site_path)
         self.annotations = load_init(settings.init_path) if settings.init_path else None
+        # Neither is waited for: until they are ready, what they do is done here.
         if self._searches_beside:
-            self._searcher.start()  # loads its kernels while this process loads its own
-        self.log.debug(f'kernels: {warm_up()}')  # now rather than in the first pairs
-        self._searcher.wait()
+            self._searcher.start()
         if settings.pass_process:
-            self._passer.start()  # not waited for, as the first pass takes longer than its start
-        gc.collect()
-        gc.freeze()  # present objects stay; scanning them takes a tenth of a second each time
+            self._passer.start()
+        self._helpers.close()
         self._infos = [
             OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
                                 partial(self._on_info, side))
@@ -215,6 +218,10 @@ class Measuring:
         """
         if self._thread is not None and self._thread.is_alive():
             raise MeasuringError('the last passes are still being measured')
+        self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
+        if self._thread is not None:  # there was another activation
+            gc.collect()
+        gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
         self._begin_anew()
         if hasattr(DETECTORS.load(self.config.detector), 'offer'):
             self._boxes_subscription = self.node.create_subscription(
@@ -302,6 +309,8 @@ class Measuring:
                 if self.pipeline is not None:
                     self._move_search(self.pipeline)
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
+                if not len(self.queue) or self.outputs.introduction_is_late:
+                    self.outputs.introduce()
                 arrival = self.queue.take(_POLL_S)
                 self.counts.skipped.add(self.queue.pop_skipped())
                 if arrival is not None:
@@ -321,6 +330,7 @@ class Measuring:
         if self._waiting:
             self.log.warning(f'{len(self._waiting)} pairs were not measured: '
                              f'{self.state().message}')
+        self.outputs.introduce()
         self._end_passes()
         self.outputs.wait()
 
@@ -389,6 +399,9 @@ class Measuring:
             return
         pairs = [pair for arrival in self._waiting
                  if (pair := self._made(arrival)) is not None] if settings.refine_pairs else None
+        with suppress(InputError):  # which is told when it is measured
+            first = self._waiting[0]
+            self._order.begin(rig, first.pair(first.index))  # while the road is laid out
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
             pipeline = self._measure_at(place)

@@ -3,9 +3,9 @@
 """Track updates as ROS messages."""
 from __future__ import annotations
 
-from typing import Mapping, Optional
+from typing import Mapping
 
-from geometry_msgs.msg import Point, TwistWithCovarianceStamped
+from geometry_msgs.msg import Point
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.duration import Duration
@@ -14,13 +14,10 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from .common import to_stamp
+from .speeds import UNKNOWN
 from ..core.records import Array, TrackState, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
 from ..road.lanes import LanePath
-
-# Variance of unmeasured quantities, in their units: large enough not to mislead a filter that uses
-# it, and not to be taken for a measurement.
-UNKNOWN = 1e6
 
 
 def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
@@ -46,15 +43,6 @@ def odometry(update: TrackUpdate, frame_id: str) -> Odometry:
     if update.state is TrackState.CONFIRMED:
         variances[0] = update.speed_std_mps ** 2
     twist.covariance = np.diag(variances).ravel()
-    return msg
-
-
-def speed_of(track: Odometry) -> Optional[TwistWithCovarianceStamped]:
-    """Return the speed of a track as published on ``vehicle_speed``; None if not measured."""
-    if not 0 <= track.twist.covariance[0] < UNKNOWN:
-        return None
-    msg = TwistWithCovarianceStamped(twist=track.twist)
-    msg.header.stamp, msg.header.frame_id = track.header.stamp, track.child_frame_id
     return msg
 
 

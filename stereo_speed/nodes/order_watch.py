@@ -35,13 +35,19 @@ class OrderWatch:
         self._looked_s: Optional[float] = None
         self.crossed = False  # by the last look with a result
 
+    def begin(self, rig: StereoRig, pair: StereoPair) -> None:
+        """Begin with the first look, which the first pair waits for."""
+        if self._looked_s is None and self._coming is None:
+            self._coming = self._thread.submit(self._look, rig, pair)
+
     def take(self, rig: StereoRig, pair: StereoPair) -> bool:
         """Process a pair; return whether the views are crossed by the last known result."""
         first, now_s = self._looked_s is None, self._clock()
         if first or now_s - (self._looked_s or 0.0) > (
                 _CROSSED_S if self.crossed else _EVERY_S):
             self._looked_s = now_s
-            self._coming = self._thread.submit(self._look, rig, pair)
+            if self._coming is None:
+                self._coming = self._thread.submit(self._look, rig, pair)
         if self._coming is not None and (first or self.crossed or self._coming.done()):
             found, self._coming = self._coming.result(), None
             self.crossed = self.crossed if found is None else found

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import threading
+import time
 from typing import Any, Mapping, Optional, Sequence
 
 import cv2
@@ -20,7 +21,8 @@ from .common import (
     byte_array, image_message, LATCHED, latched_options, LATEST, Parameters, qos_options,
     RELIABLE, to_stamp)
 from .frames import StaticFrames
-from .messages import deletions, markers, odometry, path_markers, speed_of
+from .messages import deletions, markers, odometry, path_markers
+from .speeds import speed_of
 from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
 from ..core.units import KMH_MPS, MPH_MPS
@@ -35,6 +37,7 @@ from ..report.overlay import draw
 _ACK_WAIT = Duration(seconds=1)  # time for delivery of the last passes when the node stops
 _LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # lifetime of markers: least, and in intervals
 _JPEG_QUALITY = 80
+_INTRODUCED_S = 1.0  # after which what measures is told, however busy it is
 
 
 class Outputs:
@@ -54,6 +57,8 @@ class Outputs:
         # The instrument is published by two threads, of measuring and of self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
+        self._begun: Optional[tuple[SpeedPipeline, MeasuringSite, PipelineConfig]] = None
+        self._begun_s = 0.0
         self._self_test: Optional[Mapping[str, Any]] = None
 
         def publisher(kind: type, topic: str) -> Any:
@@ -76,12 +81,30 @@ class Outputs:
     def begin(self, pipeline: SpeedPipeline, place: MeasuringSite, config: PipelineConfig
               ) -> None:
         """
-        Publish what does not change during a pipeline: the instrument, the lanes and the frames.
+        Be told what measures from now on; ``introduce`` will tell it.
 
         :param pipeline: the pipeline that measures from now on.
         :param place: the site that is measured at.
         :param config: the parameters.
         """
+        self._begun, self._begun_s = (pipeline, place, config), time.monotonic()
+
+    @property
+    def introduction_is_late(self) -> bool:
+        """Return whether ``introduce`` may wait no longer, however many pairs do."""
+        return self._begun is not None and time.monotonic() - self._begun_s > _INTRODUCED_S
+
+    def introduce(self) -> None:
+        """
+        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+
+        It takes as long as two pairs, and readings come first: so it is done when no pair waits,
+        once for each pipeline.
+        """
+        begun, self._begun = self._begun, None
+        if begun is None:
+            return
+        pipeline, place, config = begun
         with self._telling:
             self._tell_instrument(Instrument.of(self.run, place, config))
         self.paths.publish(MarkerArray(markers=path_markers(

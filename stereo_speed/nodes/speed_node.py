@@ -12,7 +12,7 @@ from rclpy.node import Node
 from .common import qos_options, RELIABLE, run
 from .diagnostics import Diagnostics
 from .health import State, Tally
-from .messages import speed_of
+from .speeds import speed_of
 
 
 class SpeedNode(Node):

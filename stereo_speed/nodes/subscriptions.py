@@ -3,9 +3,9 @@
 """
 Subscriptions that adapt to the publishers: reliable if these are, best effort otherwise.
 
-A reliable subscription receives nothing from a best-effort publisher, and a best-effort one loses
-large images of a reliable publisher. So the subscription begins with best effort, which is
-compatible with all publishers, and becomes reliable as soon as all publishers of its topic are.
+A reliable subscription hears nothing of a best-effort publisher, and a best-effort one loses large
+images of a reliable publisher. So it begins with best effort, which hears everybody, where no
+publisher is known yet, and becomes reliable as soon as all publishers of its topic are.
 """
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ class OfferedSubscription:
     """
     See the module's docstring.
 
-    The parameter ``qos_overrides.TOPIC.subscription.reliability``, if given, takes precedence.
+    Until what is subscribed anew has its first message, the former subscription goes on, so that
+    none is lost between the two.  Where ``qos_overrides.TOPIC.subscription.reliability`` is given,
+    that holds.
 
     :param node: the node that subscribes.
     :param kind: class of the messages.
@@ -54,9 +56,12 @@ class OfferedSubscription:
                  ) -> None:
         self.node, self.kind, self.topic, self.callback = node, kind, topic, callback
         self.resolved = node.resolve_topic_name(topic)
+        self._former: Optional[Subscription] = None
+        self._former_last: Any = None  # the last message that it has brought
         self.subscription: Subscription = node.create_subscription(
-            kind, topic, callback, QoSProfile(
-                depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+            kind, topic, self._take, QoSProfile(depth=_DEPTH, reliability=(
+                ReliabilityPolicy.RELIABLE if self._offered()
+                else ReliabilityPolicy.BEST_EFFORT)),
             qos_overriding_options=qos_options())
         self._looking: Optional[Timer] = None
         given = f'qos_overrides.{self.resolved}.subscription.reliability'
@@ -68,6 +73,7 @@ class OfferedSubscription:
         """Unsubscribe."""
         if self._looking is not None:
             self.node.destroy_timer(self._looking)
+        self._end_former()
         self.node.destroy_subscription(self.subscription)
 
     @property
@@ -75,21 +81,46 @@ class OfferedSubscription:
         """Return whether it is a reliable subscription now."""
         return bool(self.subscription.qos_profile.reliability is ReliabilityPolicy.RELIABLE)
 
-    def adapt(self) -> None:
-        """Subscribe again if the publishers' reliability has changed."""
+    def _offered(self) -> Optional[bool]:
+        """Return whether all publishers are reliable; None where there are none."""
         offered = [p.qos_profile.reliability
                    for p in self.node.get_publishers_info_by_topic(self.resolved)]
-        if not offered:
+        return all(r is ReliabilityPolicy.RELIABLE for r in offered) if offered else None
+
+    def adapt(self) -> None:
+        """Subscribe anew where the publishers offer something else than before."""
+        wanted = self._offered()
+        if wanted is None or wanted == self.reliable:
             return
-        wanted = all(r is ReliabilityPolicy.RELIABLE for r in offered)
-        if wanted == self.reliable:
+        known, last = self.subscription.qos_profile, self.subscription
+        if self._former is not None:  # which is what is wanted now
+            self.subscription, self._former, self._former_last = self._former, None, None
+            self.subscription.callback = self._take
+            self.node.destroy_subscription(last)
             return
-        known = self.subscription.qos_profile
-        qos = QoSProfile(
-            history=known.history, depth=known.depth, durability=known.durability,
-            reliability=(ReliabilityPolicy.RELIABLE if wanted
-                         else ReliabilityPolicy.BEST_EFFORT))
-        last = self.subscription
+        self._former, self._former_last = last, None
+        last.callback = self._take_former
         self.subscription = self.node.create_subscription(
-            self.kind, self.topic, self.callback, qos)
-        self.node.destroy_subscription(last)
+            self.kind, self.topic, self._take, QoSProfile(
+                history=known.history, depth=known.depth, durability=known.durability,
+                reliability=(ReliabilityPolicy.RELIABLE if wanted
+                             else ReliabilityPolicy.BEST_EFFORT)))
+
+    def _take(self, msg: Any) -> None:
+        """Take a message, unless the former subscription has brought it."""
+        if self._former is not None:
+            brought = self._former_last
+            self._end_former()
+            if msg == brought:
+                return
+        self.callback(msg)
+
+    def _take_former(self, msg: Any) -> None:
+        """Take a message of the former subscription."""
+        self._former_last = msg
+        self.callback(msg)
+
+    def _end_former(self) -> None:
+        former, self._former, self._former_last = self._former, None, None
+        if former is not None:
+            self.node.destroy_subscription(former)

@@ -185,10 +185,15 @@ class SpeedPipeline:
         if found:
             self._see_drift()
         seen = [u for u in [*updates, *found] if u is not None]
+        changes_s = self.view_lag.changes_s
         self.view_lag.observe(pair, seen)
+        if self.view_lag.changes_s > changes_s:
+            seen = self._timed_anew(seen)
         self._tell_others(pair, seen)
         self._collect(everything=False)
-        return Step(self._told(seen), self.concluded())
+        told = self._told(seen)
+        self._keep_told(told)
+        return Step(told, self.concluded())
 
     def _in_time(self, pair: StereoPair) -> StereoPair:
         """
@@ -202,6 +207,28 @@ class SpeedPipeline:
             self._end_by_step()
         self._see_stamps()
         return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+
+    def _timed_anew(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
+        """
+        Have tracks of which no reading was told begin anew, for the right views are timed anew.
+
+        :param seen: what the tracks say of the pair.
+        :return: what they say of it now.
+        """
+        tracks, anew = self._roster.tracks, {}
+        for k, track in enumerate(tracks):
+            begun = self._starter.again(track)
+            if begun is not None:
+                tracks[k], update = begun
+                anew[update.track] = update
+        return [anew.get(update.track, update) for update in seen]
+
+    def _keep_told(self, told: Iterable[TrackUpdate]) -> None:
+        """Have tracks of which a reading is told go on as they are, whatever the views show."""
+        readings = {u.track for u in told if u.state is TrackState.CONFIRMED}
+        for track in self._roster.tracks:
+            if track.tracker.track in readings:
+                track.fed = None
 
     def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool, beside: bool) -> int:
         """
@@ -527,6 +554,7 @@ class SpeedPipeline:
         lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
             self.steadier, track.drift_change_rad)
+        track.fed = None  # or its images would go with it to where it is measured
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
             PassEnd(

@@ -111,6 +111,33 @@ class Starter:
                 return track, newest
         return None
 
+    def again(self, track: Track) -> Optional[Begun]:
+        """
+        Return a track begun anew, with its pairs as their right views are timed by now.
+
+        What a track makes of its first pairs rests on their times, and it is seldom more than
+        these that a track has been fed when it shows that they are wrong.
+
+        :return: with what it says of the newest pair; None where it has told a reading, or has
+            been fed too many pairs, or does not hold its vehicle that way.
+        """
+        if not track.fed:
+            return None
+        begun, pairs = track.trace.begun, [self.view_lag.anew(pair) for pair in track.fed]
+        next_track, self.next_track = self.next_track, begun.track
+        anew = self._start(begun.front, pairs[0], self.lanes[begun.lane], track.detection,
+                           pairs[-1])
+        self.next_track = next_track
+        if isinstance(anew, Refusal):
+            return None
+        anew.found_ns = track.found_ns
+        updates = [self.intake.feed(anew, pair) for pair in pairs]
+        newest = updates[-1]
+        if newest is None or not all(map(holds, updates)):
+            return None
+        anew.trace.see_others_of(track.trace)
+        return anew, newest
+
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
                detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
         """
@@ -138,6 +165,7 @@ class Starter:
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
             TraceBuilder(trace), size, Upright(self.rig, lane), second,
             lag_changes_s=self.view_lag.changes_s, stamp_std_s=trace.stamp_std_s,
+            fed=[] if self.view_lag.concerned else None,
             drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:

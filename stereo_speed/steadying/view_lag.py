@@ -131,9 +131,19 @@ class ViewLag:
     def corrected(self, pair: StereoPair) -> StereoPair:
         """Return a pair with its right stamp corrected by the estimate."""
         self._gap_s = pair.right_lag_s
-        if not self._gap_s or not self._applied and not self._constant:
+        return self._timed(pair)
+
+    def anew(self, pair: StereoPair) -> StereoPair:
+        """Return an earlier pair with the right stamp that the images speak for by now."""
+        came_ns = pair.right_stamp_ns if pair.right_came_ns is None else pair.right_came_ns
+        return self._timed(replace(pair, right_stamp_ns=came_ns, right_came_ns=None))
+
+    def _timed(self, pair: StereoPair) -> StereoPair:
+        """Return a pair as it came with the right stamp that the images speak for."""
+        gap_s = pair.right_lag_s
+        if not gap_s or not self._applied and not self._constant:
             return pair
-        lag_s = self._applied + (0.0 if self._constant else self._gap_s)
+        lag_s = self._applied + (0.0 if self._constant else gap_s)
         return replace(pair, right_stamp_ns=pair.stamp_ns + round(lag_s * 1e9),
                        right_came_ns=pair.right_stamp_ns)
 

@@ -55,7 +55,7 @@ def line_of_the_listener_of_the_readme():
 def test_pass_is_published_at_the_end_of_the_stream_and_to_late_subscribers(
         stand_in, sample, tmp_path):
     from stereo_speed.nodes.common import LATCHED, RELIABLE
-    from stereo_speed.nodes.messages import speed_of
+    from stereo_speed.nodes.speeds import speed_of
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
                  '--out', str(tmp_path), '--no-plots']) == 0
     row, = csv.DictReader((tmp_path / 'passes.csv').open())
@@ -120,6 +120,20 @@ def test_single_process_survives_a_bad_message_and_measures_the_pass(fault, stan
     for reading in readings[3:]:
         std = reading.twist.covariance[0] ** 0.5
         assert abs(reading.twist.twist.linear.x - 55 * MPH_MPS) < 4 * std
+
+
+def test_the_processes_that_work_for_a_node_are_forks_of_it(stand_in, sample):
+    """They share what it has loaded."""
+    from stereo_speed.nodes.common import RELIABLE
+    said = []
+    stand_in.create_subscription(DiagnosticArray, '/diagnostics', lambda m: said.extend(
+        s.message for s in m.status if s.name == 'tracker_node: pipeline'), RELIABLE)
+    with Process('tracker_node', f'site:={sample / "site.yaml"}') as node:
+        stand_in.wait(lambda: said and said[-1] != 'not configured', STARTUP_S)
+        for module in 'search_process', 'pass_process':
+            folder = Path('/proc') / str(helper_of(node.process.pid, module))
+            assert b'stereo_speed.nodes.tracker_node' in (folder / 'cmdline').read_bytes()
+            assert (folder / 'comm').read_text().strip() == module
 
 
 @pytest.mark.parametrize(('module', 'fault'), [

@@ -18,7 +18,8 @@ from stereo_speed.core.records import TrackState, TrackUpdate  # noqa: E402
 from stereo_speed.io.bags import StereoBag  # noqa: E402
 from stereo_speed.nodes import frames  # noqa: E402
 from stereo_speed.nodes.frames import static_transforms  # noqa: E402
-from stereo_speed.nodes.messages import markers, odometry, path_markers, speed_of  # noqa: E402
+from stereo_speed.nodes.messages import markers, odometry, path_markers  # noqa: E402
+from stereo_speed.nodes.speeds import speed_of  # noqa: E402
 from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
 from stereo_speed.site.file import load_site  # noqa: E402
 from visualization_msgs.msg import Marker  # noqa: E402

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from stereo_speed.nodes.health import WARN  # noqa: E402, I100
-from stereo_speed.nodes.tracker_node import TrackerNode  # noqa: E402
+from stereo_speed.nodes.tracker import TrackerNode  # noqa: E402
 from stereo_speed.nodes.worker import Worker  # noqa: E402
 from stereo_speed.pipeline.conclusions import OnlyHereError  # noqa: E402
 from stereo_speed.pipeline.pass_process import PassProcessError  # noqa: E402

@@ -38,6 +38,8 @@ NODES = {
     'replay_node': ('ReplayNode', [['bag:={sample}/bag'], ['bag:={sample}/bag', 'decode:=false']]),
 }
 
+MODULES = {'tracker_node': 'tracker', 'speed_camera_node': 'speed_camera'}  # others: the name
+
 
 @pytest.fixture(scope='module')
 def profiles():
@@ -75,7 +77,7 @@ def test_profile_allows_what_the_node_has(in_process, name, profiles, sample, tm
         'environment_targets: 1\ntargets:\n- {id: 3, frame: 2, box: [30, 40, 12, 30]}\n')
     kind, choices = NODES[name]
     names = [set(), set(), set()]
-    make = getattr(import_module(f'stereo_speed.nodes.{name}'), kind)
+    make = getattr(import_module(f'stereo_speed.nodes.{MODULES.get(name, name)}'), kind)
     for choice in choices:
         with in_process(make, *(p.format(sample=sample, tmp=tmp_path) for p in choice)) as node:
             for all_of, some in zip(names, found(node)):

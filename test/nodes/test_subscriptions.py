@@ -24,7 +24,7 @@ def test_subscription_is_reliable_if_all_publishers_are_and_receives_from_all(st
     subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
 
     def hears(publisher, text):
-        stand_in.wait(lambda: publisher.get_subscription_count() == 1, EVENT_S)
+        stand_in.wait(publisher.get_subscription_count, EVENT_S)
         publisher.publish(String(data=text))
         stand_in.wait(lambda: heard and heard[-1].data == text, EVENT_S)
     assert not subscription.reliable  # compatible with all publishers while none is known
@@ -39,6 +39,28 @@ def test_subscription_is_reliable_if_all_publishers_are_and_receives_from_all(st
     stand_in.wait(lambda: subscription.reliable, EVENT_S)
     hears(reliable, 'four')
     assert [message.data for message in heard] == ['one', 'two', 'three', 'four']
+    subscription.close()
+
+
+def test_no_message_is_lost_or_told_twice_while_it_becomes_reliable(stand_in):
+    """The publisher goes on while the subscription is exchanged, which both may bring one of."""
+    heard, sent = [], []
+    subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
+    publisher = stand_in.create_publisher(String, 'offered', RELIABLE)
+
+    def publish():
+        sent.append(f'{len(sent)}')
+        publisher.publish(String(data=sent[-1]))
+    stand_in.wait(publisher.get_subscription_count, EVENT_S)  # of the one by best effort
+    timer = stand_in.create_timer(0.005, publish)
+    stand_in.wait(lambda: subscription.reliable, EVENT_S)
+    known = len(heard)
+    stand_in.wait(lambda: publisher.get_subscription_count() == 1 and len(heard) > known + 50,
+                  EVENT_S)
+    stand_in.destroy_timer(timer)
+    stand_in.wait(lambda: heard[-1].data == sent[-1], EVENT_S)
+    told = [int(message.data) for message in heard]
+    assert told == list(range(told[0], len(sent)))
     subscription.close()
 
 

@@ -12,7 +12,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters  # noqa: E402
 from stereo_speed.cli.demo import Process  # noqa: E402
 from stereo_speed.core.config import parameters_of, TrackerConfig  # noqa: E402
 from stereo_speed.detection.config import DetectorConfig  # noqa: E402
-from stereo_speed.nodes import tracker_node  # noqa: E402
+from stereo_speed.nodes import tracker, tracker_node  # noqa: E402
 from stereo_speed.nodes.common import run  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
 
@@ -71,7 +71,7 @@ def test_invalid_value_ends_the_node_with_one_line(given, words, sample, capfd):
      'trackers.karman.x')])
 def test_misspelt_name_is_reported_and_an_unused_choice_is_not(given, said, sample, capfd):
     values = [f'site:={sample / "site.yaml"}', *given]
-    assert run(tracker_node.TrackerNode, ['--ros-args', *(w for v in values for w in ('-p', v))],
+    assert run(tracker.TrackerNode, ['--ros-args', *(w for v in values for w in ('-p', v))],
                spin=lambda node: None) == 0
     error = capfd.readouterr().err
     assert error == '' if said is None else error.count('\n') == 1 and said in error

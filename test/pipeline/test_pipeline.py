@@ -899,3 +899,30 @@ def test_trace_without_hurried_pairs_can_be_read(hurries):
     del written['pairs'][0]['particles']
     with pytest.raises(InputError, match='particles'):
         trace_of(written, 'test')
+
+
+@pytest.mark.parametrize('late_s', [0.005, 0.02])
+def test_tracks_begin_anew_with_the_times_that_they_show_themselves(scene, late_s):
+    """
+    The right stamps are late, which the first pairs show.
+
+    Those are timed anew as well: a track is doubted by what is uncertain of the time, and not for
+    ever by what it was taken for at first, with which there would be no reading.
+    """
+    sequence, _, marks = scene
+    pipeline, _ = automatic(scene, marks, {0})
+    late_ns, confirmed = round(late_s * 1e9), {}
+    for pair in sequence.pairs:
+        for update in pipeline.process(replace(
+                pair, right_stamp_ns=pair.stamp_ns + late_ns)).updates:
+            if update.state is TrackState.CONFIRMED:
+                confirmed.setdefault(update.track, []).append(update)
+    traces = {r.track: r.trace for r in pipeline.finish()}
+    assert sorted(traces) == [0, 1] == sorted(confirmed)
+    for track, speed_mps in enumerate((22.352, 20.117)):
+        assert all(abs(u.speed_mps - speed_mps) < 4 * u.speed_std_mps for u in confirmed[track])
+        fed = traces[track].pairs
+        assert [p.stamp_ns for p in fed] == [p.stamp_ns for p in sequence.pairs]
+        assert fed[0].right_came_ns == sequence.pairs[0].stamp_ns + late_ns
+        assert abs(fed[0].right_stamp_ns - fed[0].stamp_ns) < 0.5 * late_ns
+        assert [[o.track for o in p.others] for p in fed[:4]] == 4 * [[1 - track]]

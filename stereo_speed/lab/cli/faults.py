@@ -190,8 +190,8 @@ def helper_of(pid: int, module: str) -> int:
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
-            command = (folder / 'cmdline').read_text()
-        except OSError:  # the process has ended
+            command = (folder / 'cmdline').read_text() + (folder / 'comm').read_text()
+        except OSError:  # it has ended meanwhile
             continue
         if parent == pid and module in command:
             return int(folder.name)

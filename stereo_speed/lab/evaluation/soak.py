@@ -48,8 +48,9 @@ class Sample:
     """
     The resources of a process at a time.
 
-    :param at_s: monotonic time.
-    :param memory_mb: memory that no other process shares, MB.
+    :param at_s: steady time.
+    :param memory_mb: memory that it has written to, MB: neither files nor segments of DDS, which
+        have a size and count once they are touched, and none that only became its own.
     :param handles: open files and sockets.
     :param threads: number of threads.
     """
@@ -71,8 +72,7 @@ def sample_of(pid: int, at_s: float) -> Sample:
     folder = Path('/proc') / str(pid)
     status = dict(line.split(':', 1) for line in (folder / 'smaps_rollup').read_text(
         ).splitlines()[1:])
-    return Sample(at_s=at_s, memory_mb=sum(int(status[name].split()[0]) for name in (
-                      'Private_Clean', 'Private_Dirty')) / 1024,
+    return Sample(at_s=at_s, memory_mb=int(status['Anonymous'].split()[0]) / 1024,
                   handles=len(os.listdir(folder / 'fd')),
                   threads=len(os.listdir(folder / 'task')))
 

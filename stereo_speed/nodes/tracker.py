@@ -1,0 +1,43 @@
+# Copyright 2026 The stereo_speed developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+``tracker_node``: synchronized pairs in, tracks, passes, markers and an overlay out.
+
+What it measures with is in ``measuring``, what it publishes in ``outputs``, its lifecycle in
+``lifecycle``.
+"""
+from __future__ import annotations
+
+from functools import partial
+from typing import Optional
+
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Image
+
+from .common import PAIR_TOPIC, qos_options, RELIABLE, stamp_ns
+from .helpers import Helpers
+from .lifecycle import MeasuringNode
+from .pair import pair_from_message
+
+
+class TrackerNode(MeasuringNode):
+    """See the module's docstring."""
+
+    def __init__(self, helpers: Optional[Helpers] = None) -> None:
+        super().__init__('tracker_node', helpers=helpers)
+        self.pairs: Optional[Subscription] = None
+
+    def subscribe(self) -> None:
+        """Listen for pairs."""
+        self.pairs = self.create_subscription(Image, PAIR_TOPIC, self.on_pair, RELIABLE,
+                                              qos_overriding_options=qos_options())
+
+    def unsubscribe(self) -> None:
+        """Listen no more."""
+        if self.pairs is not None:
+            self.destroy_subscription(self.pairs)
+            self.pairs = None
+
+    def on_pair(self, msg: Image) -> None:
+        """Take a pair."""
+        self.measuring.offer(stamp_ns(msg.header.stamp), partial(pair_from_message, msg))
