@@ -458,7 +458,7 @@ class TrackerConfig(CheckedRecord):
         2.0, 1.0, 1e6, '', 'stamps that are off an even pace by more than so many stamp_std_s are '
         'taken to be wrong by that; a great number where uneven stamps are those of the exposures')
     exposure_odds: float = parameter(
-        20.0, 0.0, 1e6, '', 'odds, by the images of a whole pass, above which its uneven stamps are '
+        20.0, 0.0, 1e6, '', 'odds, by the images of a pass, above which its uneven stamps are '
         'taken to be those of uneven exposures, with an uncertainty of stamp_std_s; 0 for always')
     trigger_tolerance_s: float = parameter(
         5e-4, 0.0, 1.0, 's', 'views whose stamps differ by less were exposed simultaneously; '
