@@ -176,39 +176,6 @@ def make_scene():
     return build_scene
 
 
-def _built_bend_picks(rig, rng):
-    """
-    Return lines of 0.02 px of a bend that is built as roads are, seen over 85 m.
-
-    The straight goes over into an arc of 125 m between 35 and 60 m, and its crossfall from
-    -2 to 6 % between 32 and 57 m, about the line in its middle.
-    """
-    f = np.linspace(0.0, 85.0, 8501)
-    s, lines = np.linspace(0.0, 85.0, 80), {}
-
-    def way(rate):
-        return np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(f)))
-    heading = way(np.clip((f - 35) / 25, 0, 1) / 125)
-    ahead, beside = way(np.cos(heading)), way(np.sin(heading))
-    crossfall = -0.02 + 0.08 * np.clip((s - 32) / 25, 0, 1)
-    for name, left_m in (('right', -3.5), ('middle', 0.0), ('left', 3.5)):
-        turned = np.interp(s, f, heading)
-        points = np.stack([
-            np.interp(s, f, beside) + left_m * np.cos(turned) - 4.0, 5.0 - left_m * crossfall,
-            92.0 - np.interp(s, f, ahead) + left_m * np.sin(turned)], axis=-1)
-        left, right, in_left, in_right = rig.project(points)
-        lines[name] = tuple(view[seen] + rng.normal(0, 0.02, (int(seen.sum()), 2))
-                            for view, seen in ((left, in_left), (right, in_right)))
-    return lines, {name: tuple(np.full(len(view), 0.02) for view in views)
-                   for name, views in lines.items()}
-
-
-@pytest.fixture(scope='session')
-def built_bend_picks():
-    """Give the function that returns the lines of a banked bend, and their 1-sigmas."""
-    return _built_bend_picks
-
-
 SAMPLE = ROOT / 'sample' / 'straight55'
 PAIRS = 4
 

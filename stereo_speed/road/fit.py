@@ -29,7 +29,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import RoadModel, RoadShape, RUN_OFF, TRANSITION, VERTICAL_CURVE, Weights
+from .model import RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
 from .wander import Wander, wander_of, WanderEvidence, Ways
 from ..core.records import Array
@@ -37,14 +37,13 @@ from ..estimation.robust import robust_std
 from ..geometry.ray_plane import Plane
 from ..geometry.rig import StereoRig
 
-ROBUST = 3.3  # residuals beyond this many sigmas count less and less (soft L1)
-# Numbers that may describe a road: a clothoid needs two, a hairpin some more, the ends of a
-# parabola in the middle of a road five.
-MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE, RUN_OFF, TRANSITION)
-MAX_STEPS = 40  # of the solver; fits that converge need 10
-_BUILT_STEPS = 200  # of it, where the ends of ramps are looked for from afar
-FOOT_PLACES = 8001  # places along the road among which a foot is looked up: some cm apart
-# Times their 1-sigma, by which not even 30 picks scatter by chance: a longer road would tell more.
+ROBUST = 3.3  # residuals, in sigmas, beyond which the soft L1 loss reduces their weight
+# Most parameters of a road's shape: a clothoid needs two of curvature, a hairpin some more; the
+# ends of a parabola in the middle of a road need five of vertical curvature.
+MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE)
+MAX_STEPS = 40  # limit of the solver's evaluations; fits that converge need 10
+FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot is looked up
+# Scatter in 1-sigmas that not even 30 picks reach by chance; a longer road may explain it.
 _ASTRAY = 1.5
 # Reach of the road in distances of the last node: up to there the cubic through the last nodes
 # extrapolates within 2 mm, even on an arc of 41 m radius.
@@ -257,15 +256,15 @@ def _least_variance(problem: RoadProblem) -> float:
     return min((problem.prior.best_pick_std_px / problem.picks.median_std_px)**2, 1.0)
 
 
-def _solve(problem: RoadProblem, start: Array, most_steps: int = MAX_STEPS) -> RoadFit:
-    """Fit one model from a start; lines that may wander begin in their places."""
+def _solve(problem: RoadProblem, start: Array) -> RoadFit:
+    """Fit one model from a start, at which no line wanders."""
     if problem.wander is not None:
         start = np.append(start[:problem.size], np.zeros(problem.wander.count))
     if not np.isfinite(problem.residuals(start)).all():
         raise NoRoadError('the picks give no road to start from')
     result = least_squares(
         problem.residuals, start, jac=problem.jacobian, loss='soft_l1', f_scale=ROBUST,
-        x_scale='jac', method='trf', xtol=1e-9, ftol=1e-5, gtol=1e-9, max_nfev=most_steps)
+        x_scale='jac', method='trf', xtol=1e-9, ftol=1e-5, gtol=1e-9, max_nfev=MAX_STEPS)
     return RoadFit(problem, result.x[:problem.size], 2 * float(result.cost),
                    wander=result.x[problem.size:])
 
@@ -279,30 +278,18 @@ def _reshaped(fit: RoadFit, shape: RoadShape) -> RoadFit:
 
 
 def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
-    """Fit a family that has what roads are built of in place of a polynomial, from one of one."""
-    seen_m = float(fit.feet.s_m.min()), float(fit.feet.s_m.max())
-    model, start = fit.problem.model.as_built(shape, fit.x, seen_m)
-    starts = [start]
-    if shape.run_off and shape.transition:
-        # a bend is banked about where it begins
-        without = shape._replace(run_off=fit.problem.model.shape.run_off)
-        base, x = ((fit.problem.model, fit.x) if any(fit.problem.model.shape.built[1:])
-                   else fit.problem.model.as_built(without, fit.x, seen_m))
-        starts.append(fit.problem.model.as_built(shape, fit.x, seen_m, base.bend_ramp(x))[1])
-    return min((_from_start(fit.problem, model, one) for one in starts), key=lambda it: it.cost)
-
-
-def _from_start(problem: RoadProblem, model: RoadModel, start: Array) -> RoadFit:
-    """Fit another family from afar, by way of clicks."""
-    # Among precise picks there are many roads that no small step makes better.
+    """Fit a family with a vertical curve, starting from a road with vertical curvature."""
+    problem, seen_m = fit.problem, fit.feet.s_m
+    model, start = problem.model.as_built(
+        shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
+    # With precise picks the cost has many local minima, so fit with the 1-sigma of clicks first.
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
-    near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start,
-                  _BUILT_STEPS)
+    near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
     if problem.wander is None and clicks.median_std_px == problem.picks.median_std_px:
         return near
     return _solve(RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
-                              problem.wander), near.x, _BUILT_STEPS)
+                              problem.wander), near.x)
 
 
 def same_family(fit: RoadFit, problem: RoadProblem) -> RoadFit:
@@ -411,13 +398,12 @@ def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
     """
     Fit the family of a road, with tapered lines and the drift of the right camera.
 
-    :param fit: where to start.
-    :param family: a road of that family, where to start if only one of both has a vertical curve,
-        a run-off or a transition.
-    :param drift: what is known of the drift of the right camera.
+    :param fit: road to start from.
+    :param family: road of that family; the start if only one of the two has a vertical curve.
+    :param drift: prior knowledge of the drift of the right camera.
     """
     shape = family.problem.model.shape
-    if shape.built != fit.problem.model.shape.built:
+    if shape.vertical_curve != fit.problem.model.shape.vertical_curve:
         fit = family
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
@@ -557,7 +543,7 @@ def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEviden
     out = np.setdiff1d(np.arange(size), kept)
     rest = np.zeros(size)
     rest[out] = fit.x[out]
-    rest[model.idle] = 0.0
+    rest[model.places.vertical_curve][:2] = 0.0  # without effect when the change of grade is 0
     residual, jacobian = fit.problem.rigid(fit.x), fit.slope
     residual = residual - jacobian @ rest
     residual[:count] *= squares.own
@@ -659,13 +645,10 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
     std = np.ones(count)
     std[model.places.tapers.start:model.size] = wider.problem.prior_std
 
-    telling = x.copy()
-    telling[model.idle] = 0.0
-
     def promise(new: RoadShape) -> float:
         kept = model.columns(new, count)
         out = np.setdiff1d(np.arange(count), kept)
-        part, rest = normal[np.ix_(kept, kept)], telling[out]
+        part, rest = normal[np.ix_(kept, kept)], x[out]
         slope = gradient[kept] - normal[np.ix_(kept, out)] @ rest
         gain = slope @ np.linalg.solve(part, slope) + rest @ (
             2 * gradient[out] - normal[np.ix_(out, out)] @ rest)
@@ -681,25 +664,15 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
 
 
 def _as_built(shape: RoadShape) -> list[RoadShape]:
-    """Return families with more of what is built, for several numbers of a polynomial."""
-    options: list[dict[str, int]] = []
-    if shape.vertical > 1 and not shape.vertical_curve:
-        options.append({'vertical': 0, 'vertical_curve': VERTICAL_CURVE})
-    if shape.twist > 1 and not shape.run_off:
-        options.append({'twist': 0, 'run_off': RUN_OFF})
-    if shape.curvature > 2 and not shape.transition:
-        options.append({'curvature': 1, 'transition': TRANSITION})
-    chosen = sorted(product((True, False), repeat=len(options)), key=sum, reverse=True)
-    return [shape._replace(**{key: count for option, one in zip(options, taken) if one
-                              for key, count in option.items()})
-            for taken in chosen if any(taken)]
+    """Return the family with a vertical curve in place of two or more vertical coefficients."""
+    if shape.vertical < 2 or shape.vertical_curve:
+        return []
+    return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
-    """Yield the families that lack one number, or all that belong together."""
-    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1),
-                       ('vertical_curve', VERTICAL_CURVE), ('run_off', RUN_OFF),
-                       ('transition', TRANSITION)):
+    """Yield the families with one parameter less, or without the tilt."""
+    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1)):
         count = getattr(shape, name) - less
         if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt):
             yield shape._replace(**{name: count})

@@ -3,13 +3,12 @@
 """
 The shape of a road: a reference line that curves and climbs, and lines parallel to it.
 
-The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``:
-heading ``psi`` about a fixed up axis, the integral of a polynomial curvature; grade ``theta``, the
-integral of a polynomial vertical curvature; crossfall ``phi``, the integral of a polynomial twist.
-A straight grade needs none of these, because the plane tilts with it; a curve that climbs does.
-As roads are built, a grade goes over into the next one in a *vertical curve*, a parabola, a
-crossfall into the next one in a *run-off*, evenly, and a straight into an arc in a *transition*, a
-clothoid; no polynomial follows the two ends of any of them.
+The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) Rx(phi(s))``, where
+``G`` is the frame in the middle of the road.  The heading ``psi`` about a fixed up axis is the
+integral of a polynomial curvature, the grade ``theta`` that of a polynomial vertical curvature,
+and the crossfall ``phi`` that of a polynomial twist.  A straight road of constant grade needs
+none of them, because the plane tilts with it; a curve that climbs does.  Real roads join two
+grades by a *vertical curve*, a parabola, whose two ends a polynomial cannot follow.
 
 The parameters form one vector: a small rotation of the guess (3), a height (1), a lateral offset
 for each line, optionally a taper for each line, and the coefficients of the shape.
@@ -19,8 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from math import factorial
-from typing import Callable, NamedTuple, Optional
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -32,13 +30,8 @@ NODES = 81  # number of nodes along the reference line
 # Parameters of a vertical curve: middle and logarithm of the length, in half lengths of the road,
 # and change of grade, rad.
 VERTICAL_CURVE = 3
-# Numbers of one: the same, its change of the crossfall, and where the line lies about which the
-# road turns, m to the left of the reference line.
-RUN_OFF = 4
-TRANSITION = 3  # Numbers of one: the same, its change of the curvature, rad per half length.
-_OVERHANG = 1.1  # half lengths from the middle to the last node; lines go on a little
-_ROUNDED = _OVERHANG / (NODES - 1)  # half lengths to either side over which ramps are rounded
-# Of ramps that are tried: middles along what is seen, and lengths as shares of it.
+_OVERHANG = 1.1  # distance of the last node from the middle, in half lengths of the road
+# Initial vertical curves: number of middles along the seen stretch, and lengths as shares of it.
 _MIDDLES, _LENGTHS = 21, np.geomspace(0.1, 1, 9)
 
 
@@ -46,13 +39,11 @@ class RoadShape(NamedTuple):
     """
     Numbers of parameters that describe how a road differs from a straight one on a plane.
 
-    :param curvature: coefficients of its curvature.
-    :param tilt: 2 where grade and crossfall in the middle are free, 0 where they are 0.
-    :param vertical: coefficients of its vertical curvature.
-    :param twist: coefficients of the change of its crossfall.
-    :param vertical_curve: ``VERTICAL_CURVE`` where one grade goes over into another, or 0.
-    :param run_off: ``RUN_OFF`` where one crossfall goes over into another, or 0.
-    :param transition: ``TRANSITION`` where one curvature goes over into another, or 0.
+    :param curvature: number of coefficients of the curvature.
+    :param tilt: 2 if grade and crossfall in the middle are free, else 0.
+    :param vertical: number of coefficients of the vertical curvature.
+    :param twist: number of coefficients of the twist, the change of the crossfall.
+    :param vertical_curve: ``VERTICAL_CURVE`` if the road has a vertical curve, else 0.
     """
 
     curvature: int = 0
@@ -60,30 +51,11 @@ class RoadShape(NamedTuple):
     vertical: int = 0
     twist: int = 0
     vertical_curve: int = 0
-    run_off: int = 0
-    transition: int = 0
 
     @property
     def flat(self) -> bool:
         """Return whether the surface is a plane."""
-        return not any((self.tilt, self.vertical, self.twist, self.vertical_curve, self.run_off))
-
-    @property
-    def built(self) -> tuple[int, ...]:
-        """Return the numbers of what roads are built of: ramps with two ends."""
-        return self[-3:]
-
-
-class Ramp(NamedTuple):
-    """
-    Where something changes evenly, in half lengths from the middle of the road.
-
-    :param middle: of it.
-    :param length: of it.
-    """
-
-    middle: float
-    length: float
+        return not any(self[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,18 +108,11 @@ class RoadModel:
         return np.flatnonzero(keep)
 
     @cached_property
-    def idle(self) -> NDArray[np.intp]:
-        """Return where the numbers stand that say nothing where what is built changes nothing."""
-        numbers = np.arange(self.size)
-        built = (numbers[place] for place in self.places[-len(self.shape.built):])
-        return np.concatenate([np.delete(mine, 2) if len(mine) else mine for mine in built])
-
-    @cached_property
     def steps(self) -> Array:
         """Return (size,) steps for finite differences; each moves the picks by about 1e-3 px."""
         out = np.full(self.size, 1e-6)
         out[3:self._first] = 1e-5
-        out[self.idle] = 1e-5
+        out[self.places.vertical_curve][:-1] = 1e-5
         return out
 
     @cached_property
@@ -196,135 +161,51 @@ class RoadModel:
         middle, log_length, change = (numbers[..., i, None] for i in range(VERTICAL_CURVE))
         return np.asarray(change * _ramp(self._between, middle, np.exp(log_length)))
 
-    def _run_off(self, numbers: Array) -> tuple[Array, Array]:
-        """Return crossfalls and grades (..., 2 NODES - 1) by a run-off (..., 4) or none."""
-        if not numbers.shape[-1]:
-            none = np.zeros(numbers.shape[:-1] + (1,))
-            return none, none
-        middle, log_length, change, axis_m = (numbers[..., i, None] for i in range(RUN_OFF))
-        length = np.exp(log_length)
-        grade = -axis_m / self.half_length_m * _rate(self._between, middle, length)
-        return (np.asarray(change * _ramp(self._between, middle, length)),
-                np.asarray(change * grade))
-
-    def bend_ramp(self, x: Array) -> Optional[Ramp]:
-        """Return where the crossfall, or else the curvature, goes over into another one."""
-        for place in (self.places.run_off, self.places.transition):
-            if place.stop > place.start:
-                middle, log_length = x[place][:2]
-                return Ramp(float(middle), float(np.exp(log_length)))
-        return None
-
-    def _transition(self, numbers: Array) -> Array:
-        """Return the headings (..., 2 NODES - 1) by a transition (..., 3) or none (..., 0)."""
-        if not numbers.shape[-1]:
-            return np.zeros(numbers.shape[:-1] + (1,))
-        middle, log_length, change = (numbers[..., i, None] for i in range(TRANSITION))
-        return np.asarray(change * _turned(self._between, middle, np.exp(log_length)))
-
-    def as_built(self, shape: RoadShape, x: Array, seen_m: tuple[float, float],
-                 ramp: Optional[Ramp] = None) -> tuple[RoadModel, Array]:
+    def as_built(self, shape: RoadShape, x: Array, seen_m: tuple[float, float]
+                 ) -> tuple[RoadModel, Array]:
         """
-        Return a family with more of what roads are built of, and the road in it that is near.
+        Return a family with a vertical curve, and the parameters there closest to a road.
 
-        :param shape: of that family: with what is built, and without the polynomial in its place.
-        :param x: (size,) parameters of the road, or more.
-        :param seen_m: arc lengths between which they are to be alike.
-        :param ramp: where curvature and crossfall change; None: where they do by the polynomials.
+        :param shape: shape of that family, with a vertical curve and no vertical curvature.
+        :param x: (size,) parameters of the road; further unknowns may follow and are kept.
+        :param seen_m: arc lengths between which the two roads should agree, m.
         """
         other, out = self.reshaped(shape, x, self.tapered)
-        begin, end = np.array(seen_m) / self.half_length_m
-        seen = self._Seen(begin, end, [Ramp(middle, length) for middle, length in product(
-            np.linspace(begin, end, _MIDDLES), (end - begin) * _LENGTHS)])
-        bend = seen if ramp is None else seen._replace(ramps=[ramp])
-        if shape.vertical_curve > self.shape.vertical_curve:
-            near, up_m, grade = self._vertical_curve_near(x[self.places.vertical], seen)
-            out[other.places.vertical_curve] = near
-            out[3] += up_m
-            if shape.tilt:
-                out[other.places.tilt.start] += grade
-            else:
-                out[1] -= grade
-        if shape.run_off > self.shape.run_off:
-            near, crossfall = self._run_off_near(x[self.places.twist], bend)
-            out[other.places.run_off] = near
-            out[other.places.tilt.start + 1 if shape.tilt else 0] += crossfall
-        if shape.transition > self.shape.transition:
-            near, heading, curvature = self._transition_near(x[self.places.curvature], bend)
-            out[other.places.transition] = near
-            out[other.places.curvature] = curvature
-            out[2] += heading
+        near, up_m, grade = self._vertical_curve_near(x[self.places.vertical], seen_m)
+        out[other.places.vertical_curve] = near
+        out[3] += up_m
+        if shape.tilt:
+            out[other.places.tilt.start] += grade
+        else:
+            out[1] -= grade
         return other, out
 
-    class _Seen(NamedTuple):
-        """
-        Where roads are to be alike, in half lengths, and the ramps that come into question.
-
-        :param begin: of what is seen.
-        :param end: of it.
-        :param ramps: to choose from.
-        """
-
-        begin: float
-        end: float
-        ramps: list[Ramp]
-
-    def _vertical_curve_near(self, coefficients: Array, seen: _Seen
+    def _vertical_curve_near(self, coefficients: Array, seen_m: tuple[float, float]
                              ) -> tuple[Array, float, float]:
         """
         Return the vertical curve whose heights are closest to those of a polynomial.
 
-        :return: its numbers, and the height, m, and grade that are to be added.
+        :param coefficients: coefficients of the vertical curvature.
+        :param seen_m: arc lengths between which the heights are compared, m.
+        :return: its parameters, and the height, m, and grade, rad, to add to the road.
         """
-        step = self._between[1] - self._between[0]
+        u, step = self._between, self._between[1] - self._between[0]
+        begin, end = np.array(seen_m) / self.half_length_m
+        inner = (u >= begin) & (u <= end)
 
-        grades = self._integral(coefficients)
-        way = (np.cumsum(grades) - grades / 2) * step
-        near, (up, grade) = self._ramp_near(
-            way - way[NODES - 1], _turned, [np.ones_like(self._between), self._between], seen)
-        return near, up * self.half_length_m, grade
-
-    def _run_off_near(self, coefficients: Array, seen: _Seen) -> tuple[Array, float]:
-        """
-        Return the run-off whose crossfall is most like that of a polynomial twist.
-
-        :return: its numbers, about the reference line, and the crossfall that is to be added.
-        """
-        near, (crossfall,) = self._ramp_near(
-            self._integral(coefficients), _ramp, [np.ones_like(self._between)], seen)
-        return np.append(near, 0.0), crossfall
-
-    def _transition_near(self, coefficients: Array, seen: _Seen) -> tuple[Array, float, float]:
-        """
-        Return the transition whose heading is most like that of a polynomial curvature.
-
-        :return: its numbers, the heading that is to be added, and the curvature in the middle.
-        """
-        near, (heading, curvature) = self._ramp_near(
-            self._integral(coefficients), _turned, [np.ones_like(self._between), self._between],
-            seen)
-        return near, heading, curvature
-
-    def _ramp_near(self, want: Array, shown: Callable[[Array, Array, Array], Array],
-                   beside: list[Array], seen: _Seen) -> tuple[Array, Array]:
-        """
-        Return the ramp that is nearest to something, and shares of what may be added to it.
-
-        :param want: (2 NODES - 1,) what it is to be near.
-        :param shown: what of a ramp is compared with that.
-        :param beside: what may be added.
-        :return: its middle, the logarithm of its length, and its change; the shares.
-        """
-        u = self._between
-        inner, tries = (u >= seen.begin) & (u <= seen.end), []
-        for middle, length in seen.ramps:
-            ramp = shown(u, np.asarray(middle), np.asarray(length))
-            basis = np.column_stack([ramp, *beside])[inner]
-            found = np.linalg.lstsq(basis, want[inner], rcond=None)[0]
-            off = basis @ found - want[inner]
+        def climbed(grades: Array) -> Array:
+            way = (np.cumsum(grades) - grades / 2) * step
+            return np.asarray((way - way[NODES - 1])[inner])
+        want, tries = climbed(self._integral(coefficients)), []
+        for middle, length in product(np.linspace(begin, end, _MIDDLES),
+                                      (end - begin) * _LENGTHS):
+            ramp = climbed(_ramp(u, middle, length))
+            basis = np.column_stack([ramp, np.ones_like(ramp), u[inner]])
+            found = np.linalg.lstsq(basis, want, rcond=None)[0]
+            off = basis @ found - want
             tries.append((float(off @ off), middle, np.log(length), *found))
-        _, middle, log_length, change, *shares = min(tries)
-        return np.array([middle, log_length, change]), np.array(shares)
+        _, middle, log_length, change, up, grade = min(tries)
+        return np.array([middle, log_length, change]), up * self.half_length_m, grade
 
     def offsets(self, x: Array) -> Array:
         """Return the (..., lines) lateral offsets of the lines, m, positive to the left."""
@@ -354,12 +235,9 @@ class RoadModel:
         """
         psi, climb, roll = (self._integral(x[..., part]) for part in (
             self.places.curvature, self.places.vertical, self.places.twist))
-        psi = psi + self._transition(x[..., self.places.transition])
         tilt = self.tilt(x)
-        turned, climbed = self._run_off(x[..., self.places.run_off])
-        theta = (tilt[..., :1] + climb + climbed
-                 + self._vertical_curve(x[..., self.places.vertical_curve]))
-        phi = tilt[..., 1:] + roll + turned
+        theta = tilt[..., :1] + climb + self._vertical_curve(x[..., self.places.vertical_curve])
+        phi = tilt[..., 1:] + roll
         cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
         cf, sf = np.cos(phi), np.sin(phi)
         tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
@@ -386,11 +264,10 @@ class RoadPlaces(NamedTuple):
     :param tapers: divergence of each line over half the length of the road, m.
     :param curvature: coefficients of the curvature, rad per half length.
     :param tilt: grade and crossfall in the middle, rad.
-    :param vertical: rad per half length.
-    :param twist: rad per half length.
-    :param vertical_curve: middle and logarithm of the length, half lengths; change of grade, rad.
-    :param run_off: the same, of crossfall; m from the reference line to that which it turns about.
-    :param transition: the same as of a vertical curve, of curvature.
+    :param vertical: coefficients of the vertical curvature, rad per half length.
+    :param twist: coefficients of the twist, rad per half length.
+    :param vertical_curve: middle and logarithm of the length, in half lengths; change of grade,
+        rad.
     """
 
     offsets: slice
@@ -400,45 +277,27 @@ class RoadPlaces(NamedTuple):
     vertical: slice
     twist: slice
     vertical_curve: slice
-    run_off: slice
-    transition: slice
 
 
-def _piled(u: Array, middle: Array, length: Array, times: int) -> Array:
+def _ramp(u: Array, middle: Array, length: Array) -> Array:
     """
-    Return a ramp from 0 to 1, integrated so many times up to places (n,), or -1 times.
+    Return which share of a vertical curve lies before places (n,), less that before the middle.
 
     The ends of the curve are rounded over the distance of two nodes, as a paver does. The nodes
     cannot resolve more, and the result becomes a smooth function of the ends.
 
-    :param u: in half lengths, as are the others.
-    :param middle: (..., 1) of the ramp.
-    :param length: (..., 1) of it.
+    :param u: (n,) places along the road, in half lengths, as all lengths here.
+    :param middle: (..., 1) middle of the curve.
+    :param length: (..., 1) length of the curve.
     """
-    power = times + 2
+    half = _OVERHANG / (NODES - 1)
 
     def area(places: Array) -> Array:
+        """Return the integral of a ramp from 0 to 1 up to places."""
         part = (places - middle) / length + 0.5
-        both = np.maximum(part, 0.0)**power - np.maximum(part - 1, 0.0)**power
-        return np.asarray(both * length**(power - 1) / factorial(power))
-    return np.asarray((area(u + _ROUNDED) - area(u - _ROUNDED)) / (2 * _ROUNDED))
-
-
-def _rate(u: Array, middle: Array, length: Array) -> Array:
-    """Return by how much a ramp rises at places (n,), per half length; see :func:`_piled`."""
-    return _piled(u, middle, length, -1)
-
-
-def _ramp(u: Array, middle: Array, length: Array) -> Array:
-    """Return how much of a ramp lies behind places (n,), against the middle of the road."""
-    return _piled(u, middle, length, 0) - _piled(np.zeros(1), middle, length, 0)
-
-
-def _turned(u: Array, middle: Array, length: Array) -> Array:
-    """Return the integral of :func:`_ramp` up to places (n,), from the middle of the road."""
-    zero = np.zeros(1)
-    return (_piled(u, middle, length, 1) - _piled(zero, middle, length, 1)
-            - u * _piled(zero, middle, length, 0))
+        return np.asarray((np.maximum(part, 0.0)**2 - np.maximum(part - 1, 0.0)**2) * length / 2)
+    behind, zero = ((area(v + half) - area(v - half)) / (2 * half) for v in (u, np.zeros(1)))
+    return np.asarray(behind - zero)
 
 
 def rotation(vectors: Array) -> Array:

@@ -54,19 +54,6 @@ class RoadPrior(CheckedRecord):
         40.0, 1.0, 1000.0, 'm', 'usual length of a vertical curve, which joins two grades')
     vertical_curve_log_std: float = parameter(
         0.7, 0.01, 5.0, '', '1-sigma of the natural logarithm of that length')
-    run_off_m: float = parameter(
-        30.0, 1.0, 1000.0, 'm', 'usual length of a run-off, over which one crossfall goes over '
-        'into another')
-    run_off_log_std: float = parameter(
-        0.7, 0.01, 5.0, '', '1-sigma of the natural logarithm of that length')
-    run_off_axis_std_m: float = parameter(
-        5.0, 0.01, 100.0, 'm', '1-sigma of where, beside the middle of the lines, the line lies '
-        'about which the road turns there: its middle or an edge')
-    transition_m: float = parameter(
-        40.0, 1.0, 1000.0, 'm', 'usual length of a transition, over which one curvature goes over '
-        'into another')
-    transition_log_std: float = parameter(
-        0.7, 0.01, 5.0, '', '1-sigma of the natural logarithm of that length')
     bent_probability: float = parameter(
         0.1, 1e-6, 0.9, '', 'prior probability of each further parameter of the shape of a road, '
         'and of a bend that lies in a plane; a clothoid is as common as an arc')
@@ -340,21 +327,14 @@ class RoadProblem:
             prior.crest_std_per_m * half / number[:shape.vertical],
             prior.twist_std_rad / number[:shape.twist],
             np.array([1.0, prior.vertical_curve_log_std, prior.crest_std_per_m * half]
-                     )[:shape.vertical_curve],
-            np.array([1.0, prior.run_off_log_std, prior.twist_std_rad, prior.run_off_axis_std_m]
-                     )[:shape.run_off],
-            np.array([1.0, prior.transition_log_std, prior.curvature_std_per_m * half]
-                     )[:shape.transition]])
+                     )[:shape.vertical_curve]])
 
     @property
     def prior_mean(self) -> Array:
         """Return the prior means of the tapers and of the parameters of the shape."""
         places, out = self.model.places, np.zeros(self.model.size)
-        prior = self.prior
-        for place, usual_m in ((places.vertical_curve, prior.vertical_curve_m),
-                               (places.run_off, prior.run_off_m),
-                               (places.transition, prior.transition_m)):
-            out[place][1:2] = np.log(usual_m / self.model.half_length_m)
+        out[places.vertical_curve][1:2] = np.log(
+            self.prior.vertical_curve_m / self.model.half_length_m)
         return out[places.tapers.start:]
 
     def priors(self, x: Array) -> Array:

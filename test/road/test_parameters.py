@@ -28,7 +28,7 @@ def figures(lane: LanePath) -> np.ndarray:
 
 
 @pytest.fixture(scope='module')
-def makers(make_scene, built_bend_picks) -> Mapping[str, Maker]:
+def makers(make_scene) -> Mapping[str, Maker]:
     """Return makers of lanes by name, the fast ones first."""
     def fitted(std_px: float = 0.3, **road: float) -> Maker:
         scene = make_scene(std_px=std_px, **road)
@@ -40,16 +40,13 @@ def makers(make_scene, built_bend_picks) -> Mapping[str, Maker]:
     surveyed = Site('site.yaml', 'test', {'middle': SurveyedLine('middle', points_m)},
                     (LaneSpec('lane', None, None, 'middle', None),))
     rig = make_scene().rig
-    bend = built_bend_picks(rig, np.random.default_rng(3))
     return {'surveyed': lambda prior: lane_paths(surveyed, rig, prior)['lane'],
             'clicked': fitted(), 'precise': fitted(std_px=0.005),
             'line that steps': fitted(std_px=0.03, step_m=0.03),
             'crest': fitted(crest=1 / 150, std_px=0.1),
             'climbing bend': fitted(curvature=1 / 41, grade=0.02),
             'twisted bend': fitted(curvature=1 / 41, twist=0.08, std_px=0.1),
-            'hardly twisted bend': fitted(curvature=1 / 41, twist=0.02, std_px=0.1),
-            'bend as built': lambda prior: lane_of_road(
-                'lane', fit_road(rig, *bend, prior=prior), (0, 1), None)}
+            'hardly twisted bend': fitted(curvature=1 / 41, twist=0.02, std_px=0.1)}
 
 
 @pytest.fixture(scope='module')

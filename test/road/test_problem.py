@@ -101,21 +101,8 @@ def test_priors_of_a_vertical_curve_hand_worked(rig):
         problem.priors(x), [0, 0.5, np.log(2) / 0.5, 0.05 / (25 * 0.001)], atol=1e-9)
 
 
-def test_priors_of_a_bend_as_built_hand_worked(rig):
-    """A run-off about a line beside the reference line, and a transition, over their sigmas."""
-    prior = RoadPrior(run_off_m=50.0, run_off_log_std=0.5, twist_std_rad=0.02,
-                      run_off_axis_std_m=4.0, transition_m=100.0, transition_log_std=0.25,
-                      curvature_std_per_m=0.01)
-    model = replace(MODEL, shape=RoadShape(run_off=4, transition=3))  # half of it is 25 m
-    problem = RoadProblem(rig, Picks.of(picks_on(rig)), model, None, prior)
-    x = np.concatenate([X, [0.5, np.log(4.0), 0.05, -2.0], [0.25, np.log(2.0), 0.5]])
-    np.testing.assert_allclose(
-        problem.priors(x), [0, 0.5, np.log(2) / 0.5, 2.5, -0.5,
-                            0.25, -np.log(2) / 0.25, 2.0], atol=1e-9)
-
-
-def test_the_order_of_picks_tells_the_leg_of_a_hairpin():
-    """The second pick is nearer to the last column, but what follows it lies before that."""
+def test_order_of_picks_determines_the_leg_of_a_hairpin():
+    """The second pick is nearer to the last column, but its successor lies before that."""
     cost = np.array([[[0.0, 5, 9, 9], [9, 2, 5, 0], [9, 9, 0, 9]]])
     assert in_order(cost).tolist() == [[0, 1, 2]]
     rng = np.random.default_rng(0)

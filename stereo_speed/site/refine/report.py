@@ -220,9 +220,7 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
             (shape.tilt, 'grade and crossfall in the bend'),
             (shape.vertical, f'changing grade ({shape.vertical})'),
             (shape.twist, f'changing crossfall ({shape.twist})'),
-            (shape.vertical_curve, 'one grade after another'),
-            (shape.run_off, 'one crossfall after another'),
-            (shape.transition, 'one curvature after another')) if count]
+            (shape.vertical_curve, 'vertical curve')) if count]
         out.append(f'road: {kind}, {", ".join(bent) or "plane surface"}')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS
