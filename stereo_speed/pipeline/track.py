@@ -193,7 +193,7 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
         rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
         config=replace(with_stamps(config, trace), particles=trace.particles),
         rng=np.random.default_rng([trace.seed, trace.track]), seen_mps=trace.seen_mps,
-        particles_alone=config.particles, told_stamp_std_s=config.stamp_std_s)
+        particles_alone=config.particles, nominal_stamp_std_s=config.stamp_std_s)
 
 
 def with_stamps(config: TrackerConfig, trace: PassTrace) -> TrackerConfig:

@@ -37,9 +37,9 @@ from ..estimation.weights import (
     DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
 from ..vision.haar import CELLS, PartGrid
 
-_JITTER = 1e-12  # keeps the covariance of particles that agree positive definite
-_LOOK_ASIDE = 4  # one particle in so many allows for a change of lanes that has begun
-_DISTINCT_PER_DIM = 3  # distinct particles, per unknown, that still have a shape
+_JITTER = 1e-12  # keeps the covariance of equal particles positive definite
+_LANE_CHANGE_STRIDE = 4  # every fourth particle is predicted as if a lane change had begun
+_DISTINCT_PER_DIM = 3  # distinct particles per unknown below which the cloud has no shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,9 @@ class _Cloud:
         """
         dt_s, goes = max(self.until_s(stamp_ns), 0.0), np.eye(4)
         goes[0, 3] = dt_s
-        strays = walks(dt_s, config.speed_rate_std, config, parts=4.0)
-        strays[1, 1] += config.manoeuvre_probability * begun_across_m(dt_s, config) ** 2
-        return gone_on(self.moments(), goes, dt_s, lateral_mps, strays)
+        noise = walks(dt_s, config.speed_rate_std, config, parts=4.0)
+        noise[1, 1] += config.manoeuvre_probability * begun_lane_change_m(dt_s, config) ** 2
+        return gone_on(self.moments(), goes, dt_s, lateral_mps, noise)
 
 
 class ConstrainedTracker:
@@ -123,7 +123,7 @@ class ConstrainedTracker:
             speed_std_mps=start.expected_std_mps,
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
         self.window = PhotometricWindow(
-            sampler, prior, self.config, start.told_stamp_std_s)
+            sampler, prior, self.config, start.nominal_stamp_std_s)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
                             start.pair.stamp_ns)
@@ -325,11 +325,11 @@ class ConstrainedTracker:
         s, a, b, v = self.cloud.states.T
         noise = self.rng.standard_normal((4, self.particles)) * root
         v_next = v + c.speed_rate_std * noise[3]
-        across, log_share = strays_across(noise[1] / root, dt_s, c)
+        across, log_ratios = lateral_steps(noise[1] / root, dt_s, c)
         states = np.column_stack([
             s + 0.5 * (v + v_next) * dt_s, a + self._lateral_mps() * dt_s + across,
             b + c.drift_up_std_m * noise[2], v_next])
-        return _Cloud(states, self.cloud.log_weights + log_share, stamp_ns)
+        return _Cloud(states, self.cloud.log_weights + log_ratios, stamp_ns)
 
     def _measured(self, pair: StereoPair, *, reacquires: bool
                   ) -> Optional[tuple[_Cloud, Posterior]]:
@@ -453,40 +453,44 @@ def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) ->
     return sure <= most * (update.stamp_ns - last.stamp_ns) * 1e-9
 
 
-def begun_across_m(dt_s: float, config: TrackerConfig) -> float:
+def begun_lane_change_m(dt_s: float, config: TrackerConfig) -> float:
     """
-    Return how far a change of lanes that begins within a time carries across the path, 1-sigma.
+    Return the 1-sigma of the lateral displacement by a lane change that begins within a time, m.
 
     :param dt_s: the time, s.
     """
-    lasts_s = config.manoeuvre_across_s
-    persists = dt_s + lasts_s * math.expm1(-dt_s / lasts_s)  # of an Ornstein-Uhlenbeck rate
-    return config.manoeuvre_across_std_m * math.sqrt(max(persists, 0.0))
+    tau_s = config.manoeuvre_across_s
+    # The variance of the integral of an Ornstein-Uhlenbeck process is proportional to this time.
+    effective_s = dt_s + tau_s * math.expm1(-dt_s / tau_s)
+    return config.manoeuvre_across_std_m * math.sqrt(max(effective_s, 0.0))
 
 
-def strays_across(noise: Array, dt_s: float, config: TrackerConfig) -> tuple[Array, Array]:
+def lateral_steps(noise: Array, dt_s: float, config: TrackerConfig) -> tuple[Array, Array]:
     """
-    Return how far particles stray across the path (N,), m, and logarithms (N,) of their weights.
+    Return random lateral displacements (N,) of particles, m, and log importance weights (N,).
 
-    Beside the drift (eq. 27), a vehicle may have begun to change lanes.  Few do, but after missing
-    pairs those are a metre aside: some of the particles look for them, and their weights leave the
-    probability as it is.
+    Displacements are a mixture of drift (eq. 27) and, rarely, a lane change that has begun.  After
+    missing pairs it may have moved the vehicle by 1 m, where too few particles of that mixture
+    lie.  Therefore every fourth particle is drawn for a lane change, and weights correct for this.
 
     :param noise: (N,) standard normal.
-    :param dt_s: time in which they do, s.
+    :param dt_s: time of the prediction, s.
     """
-    drift_m, begun_m = config.drift_across_std_m * math.sqrt(dt_s), begun_across_m(dt_s, config)
-    p, share, wide_m = config.manoeuvre_probability, 1 / _LOOK_ASIDE, math.hypot(drift_m, begun_m)
-    if not (p and begun_m and drift_m):
+    drift_m = config.drift_across_std_m * math.sqrt(dt_s)
+    change_m = begun_lane_change_m(dt_s, config)
+    wide_m = math.hypot(drift_m, change_m)
+    probability, share = config.manoeuvre_probability, 1 / _LANE_CHANGE_STRIDE
+    if not (probability and change_m and drift_m):
         return drift_m * noise, np.zeros(len(noise))
     std_m = np.full(len(noise), drift_m)
-    std_m[::_LOOK_ASIDE] = wide_m
+    std_m[::_LANE_CHANGE_STRIDE] = wide_m
     across = std_m * noise
+    # Logarithm of the density for a lane change over that for drift alone.
     log_wider = math.log(drift_m / wide_m) + 0.5 * np.square(across) * (
         drift_m ** -2 - wide_m ** -2)
-    wanted, drawn = (np.logaddexp(math.log(1 - one), math.log(one) + log_wider)
-                     for one in (p, share))
-    return across, wanted - drawn
+    target, proposal = (np.logaddexp(math.log(1 - p), math.log(p) + log_wider)
+                        for p in (probability, share))
+    return across, target - proposal
 
 
 def transport(states: Array, moments: tuple[Array, Array], target: tuple[Array, Array],

@@ -12,7 +12,7 @@ from ..core.compiled import inlined, kernel
 from ..core.records import Array
 from ..vision.sampling import Patches
 
-_LEAST_SCALE = 0.01  # grey levels; less contrast is rounding, which agrees between blank views
+_LEAST_SCALE = 0.01  # grey levels; lower contrast is rounding, which agrees in blank views
 _LEAST_OUTLINE = 1e-9
 
 

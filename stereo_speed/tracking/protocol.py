@@ -38,11 +38,11 @@ class TrackStart:
     :param pair: the first pair; it is fed to the tracker as well.
     :param track: number of the track, never reused.
     :param rng: source of all randomness of the track.
-    :param seen_mps: speed as the detector saw it; None where it saw none.
-    :param particles_alone: number of particles that it has when it is the only track; None for
-        those of ``config``, which are its share among others.
-    :param told_stamp_std_s: 1-sigma of stamps that are those of the exposures, s; None for that of
-        ``config``, which is greater where they are uneven.
+    :param seen_mps: speed by the detector, m/s; None where it gave none.
+    :param particles_alone: number of particles of a track that is alone; None for that of
+        ``config``, which is the share of the track among others.
+    :param nominal_stamp_std_s: 1-sigma of correct stamps, s; that of ``config`` is larger while
+        stamps are uneven. None for that of ``config``.
     """
 
     rig: StereoRig
@@ -54,7 +54,7 @@ class TrackStart:
     rng: np.random.Generator
     seen_mps: Optional[float] = None
     particles_alone: Optional[int] = None
-    told_stamp_std_s: Optional[float] = None
+    nominal_stamp_std_s: Optional[float] = None
 
     @property
     def expected_mps(self) -> float:

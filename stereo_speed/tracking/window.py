@@ -173,16 +173,16 @@ class _Solution:
     """
     Moments of the mixture of the hypotheses, and the equations of the images.
 
-    :param mean: of the unknowns but for accelerations, in the order of ``StateIndex``.
-    :param relief: (m,) mean of the relief.
-    :param relief_square: (m,) mean of its square, by the likeliest hypothesis, m^2.
-    :param weights: of all hypotheses.
-    :param log_evidence: of the images for all of them together.
-    :param likely: weight and answer of each that counts.
-    :param photometry: what the images say.
-    :param speed_rate_std: random walk of the speed, r.m.s. by the weights, m/s/sqrt(s).
-    :param unnoticed: returns by how much the newest speed may be wrong while braking does not
-        show.
+    :param mean: mean of the unknowns except accelerations, in the order of ``StateIndex``.
+    :param relief: (m,) mean of the relief, m.
+    :param relief_square: (m,) mean square of the relief; variance by the likeliest hypothesis,
+        m^2.
+    :param weights: weights of all hypotheses.
+    :param log_evidence: logarithm of the evidence of all hypotheses together.
+    :param likely: weight and answer of each hypothesis that counts.
+    :param photometry: equations of the images.
+    :param speed_rate_std: random walk of the speed, weighted r.m.s., m/s/sqrt(s).
+    :param unnoticed: returns the errors of the newest speed due to braking that does not show yet.
     """
 
     mean: Array
@@ -207,20 +207,20 @@ class PhotometricWindow:
     Grows with every pair of a pass; see the module's docstring.
 
     :param sampler: makes observations of the front.
-    :param prior: what is known of the pass before them.
-    :param config: precision of the images, models of motion, effort.
-    :param told_stamp_std_s: 1-sigma of stamps that are those of the exposures, s; None for that
-        of ``config``, which is greater where they are uneven.
+    :param prior: prior of the pass.
+    :param config: precision of the images, motion models, effort.
+    :param nominal_stamp_std_s: 1-sigma of correct stamps, s; that of ``config`` is larger while
+        stamps are uneven. None for that of ``config``.
     """
 
     def __init__(self, sampler: ObservationSampler, prior: PassPrior, config: TrackerConfig,
-                 told_stamp_std_s: Optional[float] = None) -> None:
+                 nominal_stamp_std_s: Optional[float] = None) -> None:
         self.sampler, self.config = sampler, config
         self.photometry = PassPhotometry(sampler.relief_basis, config.noise, config.visibility)
         nodes = sampler.relief_basis.shape[1]
         self.motion = PassMotion(prior, config, config.stamp_std_s)
-        self.told_motion = self.motion if told_stamp_std_s is None else PassMotion(
-            prior, config, told_stamp_std_s)
+        self.nominal_motion = self.motion if nominal_stamp_std_s is None else PassMotion(
+            prior, config, nominal_stamp_std_s)
         self.exact_motion = PassMotion(prior, config, 0.0)
         self.hypotheses = hypotheses_of(config)
         self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
@@ -254,9 +254,9 @@ class PhotometricWindow:
 
     def doubt_stamps(self, stamp_std_s: float) -> None:
         """
-        Take all stamps to have another 1-sigma, s, in the answers from now on.
+        Assume another 1-sigma of all stamps, s, from now on.
 
-        A pass does not, where its images show that they are those of the exposures.
+        The solution of the whole pass ignores it if the images confirm the stamps.
         """
         self.motion = PassMotion(self.motion.prior, self.config, stamp_std_s)
 
@@ -369,8 +369,8 @@ class PhotometricWindow:
         shown, posterior = begun._refined(window.since(unshown), _REACQUIRED)
         if not posterior.unoccluded[-1]:
             return None
-        self.motion, self.told_motion = begun.motion, begun.told_motion
-        self.exact_motion = begun.exact_motion
+        self.motion, self.exact_motion = begun.motion, begun.exact_motion
+        self.nominal_motion = begun.nominal_motion
         self._window, self._agreement = shown, posterior.cross_ncc
         return posterior
 
@@ -385,7 +385,7 @@ class PhotometricWindow:
         prior = replace(self.motion.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
                         offset_m=np.array(offset_m))
         other = PhotometricWindow(
-            self.sampler, prior, self.config, self.told_motion.processes.stamp_std_s)
+            self.sampler, prior, self.config, self.nominal_motion.processes.stamp_std_s)
         other.doubt_stamps(self.motion.processes.stamp_std_s)
         return other
 
@@ -400,7 +400,7 @@ class PhotometricWindow:
     def _sampled_by(self, sampler: ObservationSampler, window: _Window) -> Optional[Posterior]:
         """Return the pass solved with another sampler; None where it cannot be solved."""
         other = PhotometricWindow(sampler, self.motion.prior, self.config)
-        other.motion, other.told_motion = self.motion, self.told_motion
+        other.motion, other.nominal_motion = self.motion, self.nominal_motion
         seen = other._seen_anew(window)
         if seen is None or not seen.counts().any():
             return None
@@ -437,31 +437,31 @@ class PhotometricWindow:
         return replace(window, inactive=())
 
     def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
-        """Return a window refined, and what is known then."""
-        window, solution = self._iterated(window, effort, self.motion)
-        if effort is _WHOLE_PASS and self._shows_exposures(window):
-            window, solution = self._iterated(window, effort, self.told_motion)
+        """Return the refined window and its posterior; see :meth:`_gauss_newton`."""
+        window, solution = self._gauss_newton(window, effort, self.motion)
+        if effort is _WHOLE_PASS and self._confirms_stamps(window):
+            window, solution = self._gauss_newton(window, effort, self.nominal_motion)
         window = window.judged(solution.photometry.unoccluded)
         return window, self._posterior(window, solution, effort)
 
-    def _shows_exposures(self, window: _Window) -> bool:
+    def _confirms_stamps(self, window: _Window) -> bool:
         """
-        Return whether doubted stamps are those of the exposures, as the images surely say.
+        Return whether the images confirm stamps that are doubted because they are uneven.
 
-        A camera may expose at any time.  With the stamps of its exposures a vehicle goes as
-        vehicles do, to some centimetres; with others it jerks.  A live reading rests on its newest
-        stamp, of which later pairs alone tell.
+        Exposures may be uneven too.  With the stamps of the exposures a vehicle moves smoothly, to
+        some centimetres; with wrong ones it jerks.  Only a whole pass can tell: a live reading
+        depends on its newest stamp, which only later pairs can confirm.
         """
-        if self.told_motion.processes.stamp_std_s >= self.motion.processes.stamp_std_s:
+        if self.nominal_motion.processes.stamp_std_s >= self.motion.processes.stamp_std_s:
             return False
-        told, doubted = (self._solve(window, self.hypotheses, motion).log_evidence
-                         for motion in (self.told_motion, self.motion))
+        nominal, doubted = (self._solve(window, self.hypotheses, motion).log_evidence
+                            for motion in (self.nominal_motion, self.motion))
         odds = self.config.exposure_odds
-        return odds == 0 or told - doubted > math.log(odds)
+        return odds == 0 or nominal - doubted > math.log(odds)
 
-    def _iterated(self, window: _Window, effort: _Effort, motion: PassMotion
-                  ) -> tuple[_Window, _Solution]:
-        """Iterate Gauss-Newton; observations are made again only where their pose has moved."""
+    def _gauss_newton(self, window: _Window, effort: _Effort, motion: PassMotion
+                      ) -> tuple[_Window, _Solution]:
+        """Iterate Gauss-Newton; observations are remade only where their pose has moved."""
         all_: Sequence[Hypothesis] = self.hypotheses
         for done in range(1, effort.most + 1):
             solution = self._solve(window, all_, motion)

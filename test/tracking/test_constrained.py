@@ -20,7 +20,7 @@ from stereo_speed.pipeline.assembly import make_pipeline
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.track import with_unnoticed
 from stereo_speed.tracking.constrained import (
-    begun_across_m, ConstrainedTracker, may_follow, strays_across, transport)
+    begun_lane_change_m, ConstrainedTracker, lateral_steps, may_follow, transport)
 from stereo_speed.tracking.protocol import MOST_TIMES, OLD_S, Refusal, TrackStart
 
 MPS = 20.0
@@ -484,8 +484,8 @@ def test_physically_impossible_speed_change_is_not_confirmed(steady, speed_mps, 
     assert may_follow(update, before, TrackerConfig()) == may
 
 
-def test_a_change_of_lanes_in_missing_pairs_is_followed(follow, textured):
-    """Five pairs a second, of which those of 0.8 s are missing as it begins: 1.1 m to the left."""
+def test_lane_change_during_missing_pairs_is_followed(follow, textured):
+    """Five pairs a second; none for 0.8 s as the lane change begins, 1.1 m to the left."""
     times = np.array([0, 0.2, 0.4, 0.6, 1.4, 1.6])
     across = 3.5 * (1 - np.cos(np.pi * np.clip((times - 0.6) / 2.1, 0, 1))) / 2
     poses = np.column_stack([4 + MPS * times, across - 1.0, np.full(6, 1.9)])
@@ -499,9 +499,9 @@ def test_a_change_of_lanes_in_missing_pairs_is_followed(follow, textured):
     assert result.verdict is Verdict.MEASURED and result.pairs == 6
 
 
-@pytest.mark.parametrize('exposed_ms, shown', [(15.0, True), (0.0, False)])
-def test_uneven_stamps_of_the_exposures_are_told_from_others(follow, textured, exposed_ms, shown):
-    """Every stamp is off an even pace; so are the exposures, or they are not."""
+@pytest.mark.parametrize('exposed_ms, confirmed', [(15.0, True), (0.0, False)])
+def test_uneven_stamps_count_only_if_exposures_are_uneven(follow, textured, exposed_ms, confirmed):
+    """All stamps are uneven; the exposures are equally uneven, or even."""
     off_s = 0.015 * np.random.default_rng(3).uniform(-1, 1, 12)
     even_s = np.arange(12) / 10
     poses = np.column_stack([6 + MPS * (even_s + exposed_ms / 15 * off_s), np.full(12, 0.1),
@@ -510,27 +510,27 @@ def test_uneven_stamps_of_the_exposures_are_told_from_others(follow, textured, e
              for k, (t, pose) in enumerate(zip(even_s + off_s + 0.1, poses))]
     _, sure = follow(pairs, poses[0])
     _, tracker = follow(pairs[:1], poses[0], replace(QUICK, stamp_std_s=0.01),
-                        told_stamp_std_s=QUICK.stamp_std_s)
+                        nominal_stamp_std_s=QUICK.stamp_std_s)
     for pair in pairs[1:]:
         tracker.update(pair)
     result, sure_std_mps = tracker.result(), sure.result().speed_std_mps
     assert result.verdict is Verdict.MEASURED
-    assert (result.budget.stamps_mps < 0.2 * result.speed_std_mps) == shown
+    assert (result.budget.stamps_mps < 0.2 * result.speed_std_mps) == confirmed
     assert abs(result.speed_mps - MPS) < at_most(0.001, 2) * result.speed_std_mps
-    if shown:
+    if confirmed:
         assert result.speed_std_mps < 1.1 * sure_std_mps
 
 
 @pytest.mark.parametrize('dt_s', [0.03, 0.2, 0.8, 3.0])
-def test_particles_that_look_aside_leave_the_probability_as_it_is(dt_s):
-    """The weights are those of a mixture whose moments are known."""
+def test_weighted_lateral_steps_have_the_moments_of_the_mixture(dt_s):
+    """The mixture of drift and lane change has closed-form moments."""
     config, n = TrackerConfig(), 400_000
-    across, log_weights = strays_across(
+    across, log_weights = lateral_steps(
         np.random.default_rng(1).standard_normal(n), dt_s, config)
     weights = np.exp(log_weights)
     drift_m = config.drift_across_std_m * np.sqrt(dt_s)
-    begun_m, p = begun_across_m(dt_s, config), config.manoeuvre_probability
-    variance = drift_m ** 2 + p * begun_m ** 2
+    change_m, p = begun_lane_change_m(dt_s, config), config.manoeuvre_probability
+    variance = drift_m ** 2 + p * change_m ** 2
     for values, wanted in ((weights, 1.0), (weights * across, 0.0),
                            (weights * across ** 2, variance)):
         error = values.std() / np.sqrt(n)
@@ -538,19 +538,19 @@ def test_particles_that_look_aside_leave_the_probability_as_it_is(dt_s):
 
 
 @pytest.mark.parametrize('dt_s', [0.05, 0.5, 2.0])
-def test_a_change_of_lanes_carries_as_far_as_its_rate_does(dt_s):
-    """Another computation: the double integral of the covariance of the rate."""
+def test_lane_change_displacement_is_the_integral_of_its_rate(dt_s):
+    """By another computation: the double integral of the covariance of the rate."""
     config = TrackerConfig()
     tau = config.manoeuvre_across_s
     rate_variance = config.manoeuvre_across_std_m ** 2 / (2 * tau)
     t = (np.arange(1000) + 0.5) * dt_s / 1000
     double = rate_variance * np.exp(-np.abs(t[:, None] - t) / tau).mean() * dt_s ** 2
-    assert begun_across_m(dt_s, config) ** 2 == pytest.approx(double, rel=1e-4)
+    assert begun_lane_change_m(dt_s, config) ** 2 == pytest.approx(double, rel=1e-4)
 
 
-def test_nobody_is_looked_for_aside_where_none_changes_lanes():
+def test_lateral_steps_are_drift_without_lane_changes():
     noise = np.random.default_rng(0).standard_normal(50)
-    across, log_weights = strays_across(noise, 0.5, TrackerConfig(manoeuvre_probability=0.0))
+    across, log_weights = lateral_steps(noise, 0.5, TrackerConfig(manoeuvre_probability=0.0))
     np.testing.assert_array_equal(log_weights, np.zeros(50))
     np.testing.assert_allclose(across, 0.2236 * np.sqrt(0.5) * noise)
 
