@@ -26,25 +26,25 @@ from typing import Any, Callable, Iterable, Iterator, Optional, Union
 
 from .threads import one_blas_thread
 
-_START_S = 30.0  # that it may take to start: two, on a machine that is not busy
-_END_S = 2.0  # to end by itself
-_POLL_S = 0.005  # between two looks whether a fork has ended
-_LONGEST_NAME = 15  # of a process, as the system keeps it
+_START_S = 30.0  # time limit of a start, which takes two seconds on an idle machine
+_END_S = 2.0  # time that a helper has to end by itself
+_POLL_S = 0.005  # interval of the checks whether a fork has ended
+_LONGEST_NAME = 15  # characters of a process's name, to which the kernel truncates it
 
 
-_ENDS = (signal.SIGINT, signal.SIGTERM)
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_ending_to_parent() -> None:
     """Ignore signals sent to the whole process group; the parent ends its helper."""
-    for number in _ENDS:
+    for number in _END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
-def _ends_held_back() -> Iterator[None]:
-    """Block the signals of ``_ENDS``, also in processes started meanwhile, which ignore them."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+def _end_signals_blocked() -> Iterator[None]:
+    """Block the signals to end, also in processes started meanwhile, which ignore them later."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
         yield
     finally:
@@ -256,7 +256,7 @@ class HelperProcess:
 def _started(module: str, pipe_fd: int, memory_fd: int) -> subprocess.Popen[bytes]:
     """Return a new process that runs a module; it inherits no other descriptors."""
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
-    with _ends_held_back():
+    with _end_signals_blocked():
         return subprocess.Popen(
             [sys.executable, '-m', module, str(pipe_fd), str(memory_fd)], env=environment,
             stdin=subprocess.DEVNULL, pass_fds=(pipe_fd, memory_fd))
@@ -276,13 +276,13 @@ def _forked(module: str, pipe_fd: int, memory_fd: int, others: Iterable[int]) ->
         for fd in others:
             os.close(fd)
         main(pipe_fd, memory_fd)
-    with _ends_held_back():
+    with _end_signals_blocked():
         return Fork(work)
 
 
 def _name_process(name: str) -> None:
-    """Give this process a name of its own, for a fork has the command line of its parent."""
+    """Name this process, because a fork has the command line of its parent."""
     try:
         Path('/proc/self/comm').write_text(name[:_LONGEST_NAME])
-    except OSError:  # then it has none
+    except OSError:  # the name only helps to tell processes apart
         pass

@@ -117,13 +117,13 @@ class TraceBuilder:
         self._pairs: list[TracePair] = []
 
     @property
-    def begun(self) -> PassTrace:
-        """Return how the track began."""
+    def start(self) -> PassTrace:
+        """Return the trace without pairs, which tells how the track was started."""
         return self._trace
 
-    def see_others_of(self, other: TraceBuilder) -> None:
-        """Take over what another trace of the same pairs has of other vehicles."""
-        others = {p.stamp_ns: p.others for p in other._pairs}
+    def copy_others(self, source: TraceBuilder) -> None:
+        """Copy the fronts of other vehicles from another trace of the same pairs."""
+        others = {p.stamp_ns: p.others for p in source._pairs}
         self._pairs = [replace(p, others=others.get(p.stamp_ns, ())) for p in self._pairs]
 
     def add(self, pair: StereoPair, particles: Optional[int],

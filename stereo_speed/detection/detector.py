@@ -129,12 +129,12 @@ class PlaneSweepDetector:
 
     @cached_property
     def _regions(self) -> PairRegions:
-        """Return what of the images all sweeps look at; where another process searches none do."""
+        """Return the regions that all sweeps use; unused where another process searches."""
         return self._looked_at(list(self._sweeps))
 
     @cached_property
     def _regions_of(self) -> dict[str, PairRegions]:
-        """Return what of the images the sweep of each lane looks at."""
+        """Return the regions that the sweep of each lane uses."""
         return {lane: self._looked_at([lane]) for lane in self._sweeps}
 
     def _looked_at(self, lanes: Sequence[str]) -> PairRegions:

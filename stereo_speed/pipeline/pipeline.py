@@ -188,11 +188,11 @@ class SpeedPipeline:
         changes_s = self.view_lag.changes_s
         self.view_lag.observe(pair, seen)
         if self.view_lag.changes_s > changes_s:
-            seen = self._timed_anew(seen)
+            seen = self._restart(seen)
         self._tell_others(pair, seen)
         self._collect(everything=False)
         told = self._told(seen)
-        self._keep_told(told)
+        self._rule_out_restarts(told)
         return Step(told, self.concluded())
 
     def _in_time(self, pair: StereoPair) -> StereoPair:
@@ -208,27 +208,27 @@ class SpeedPipeline:
         self._see_stamps()
         return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
 
-    def _timed_anew(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
+    def _restart(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
         """
-        Have tracks of which no reading was told begin anew, for the right views are timed anew.
+        Restart the tracks without a published reading, as the correction of right stamps changed.
 
-        :param seen: what the tracks say of the pair.
-        :return: what they say of it now.
+        :param seen: the tracks' updates for the pair.
+        :return: the same, with those of the restarted tracks replaced.
         """
-        tracks, anew = self._roster.tracks, {}
+        tracks, restarted = self._roster.tracks, {}
         for k, track in enumerate(tracks):
-            begun = self._starter.again(track)
+            begun = self._starter.restarted(track)
             if begun is not None:
                 tracks[k], update = begun
-                anew[update.track] = update
-        return [anew.get(update.track, update) for update in seen]
+                restarted[update.track] = update
+        return [restarted.get(update.track, update) for update in seen]
 
-    def _keep_told(self, told: Iterable[TrackUpdate]) -> None:
-        """Have tracks of which a reading is told go on as they are, whatever the views show."""
-        readings = {u.track for u in told if u.state is TrackState.CONFIRMED}
+    def _rule_out_restarts(self, published: Iterable[TrackUpdate]) -> None:
+        """Rule out that tracks with a published reading are restarted by a later correction."""
+        readings = {u.track for u in published if u.state is TrackState.CONFIRMED}
         for track in self._roster.tracks:
             if track.tracker.track in readings:
-                track.fed = None
+                track.restart_pairs = None
 
     def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool, beside: bool) -> int:
         """
@@ -470,7 +470,7 @@ class SpeedPipeline:
         """Detect fronts and start tracks at them; return their updates for the pair."""
         search = self._search.of(pair, self._roster.tracks)
         fronts = self._starter.new(search, self._search.answer(search))
-        return [update for _, update in self._begun(fronts, search)]
+        return [update for _, update in self._start_tracks(fronts, search)]
 
     def _take_answer(self, pair: StereoPair, *, beside: bool) -> list[Optional[TrackUpdate]]:
         """
@@ -489,7 +489,7 @@ class SpeedPipeline:
         if beside:
             self._open.begin(fronts, search)
             return []
-        begun = self._begun(fronts, search)
+        begun = self._start_tracks(fronts, search)
         if not begun:
             return []
         self._roster.introduce(search, begun)
@@ -499,7 +499,7 @@ class SpeedPipeline:
         self._roster.drop_missing()
         return list(updates.values())
 
-    def _begun(self, fronts: Iterable[Detection], search: Search) -> list[Begun]:
+    def _start_tracks(self, fronts: Iterable[Detection], search: Search) -> list[Begun]:
         """Start tracks at fronts that a search has found; return those that started."""
         begun = []
         for front in fronts:
@@ -554,7 +554,7 @@ class SpeedPipeline:
         lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
             self.steadier, track.drift_change_rad)
-        track.fed = None  # or its images would go with it to where it is measured
+        track.restart_pairs = None  # otherwise the pass process would be sent these images
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
             PassEnd(

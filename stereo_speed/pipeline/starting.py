@@ -111,32 +111,34 @@ class Starter:
                 return track, newest
         return None
 
-    def again(self, track: Track) -> Optional[Begun]:
+    def restarted(self, track: Track) -> Optional[Begun]:
         """
-        Return a track begun anew, with its pairs as their right views are timed by now.
+        Return a replacement of a track, fed the same pairs with their right stamps corrected.
 
-        What a track makes of its first pairs rests on their times, and it is seldom more than
-        these that a track has been fed when it shows that they are wrong.
+        The state of a track after its first pairs depends on their stamps.  A wrong right stamp
+        usually shows before the track has been fed many more pairs.
 
-        :return: with what it says of the newest pair; None where it has told a reading, or has
-            been fed too many pairs, or does not hold its vehicle that way.
+        :return: the new track, which has the number of the old one, and its update for the newest
+            pair; None if the old track has published a reading or was fed too many pairs, or if
+            the new one misses its vehicle in a pair.
         """
-        if not track.fed:
+        if not track.restart_pairs:
             return None
-        begun, pairs = track.trace.begun, [self.view_lag.anew(pair) for pair in track.fed]
-        next_track, self.next_track = self.next_track, begun.track
-        anew = self._start(begun.front, pairs[0], self.lanes[begun.lane], track.detection,
-                           pairs[-1])
+        start = track.trace.start
+        pairs = [self.view_lag.recorrected(pair) for pair in track.restart_pairs]
+        next_track, self.next_track = self.next_track, start.track
+        new = self._start(start.front, pairs[0], self.lanes[start.lane], track.detection,
+                          pairs[-1])
         self.next_track = next_track
-        if isinstance(anew, Refusal):
+        if isinstance(new, Refusal):
             return None
-        anew.found_ns = track.found_ns
-        updates = [self.intake.feed(anew, pair) for pair in pairs]
+        new.found_ns = track.found_ns
+        updates = [self.intake.feed(new, pair) for pair in pairs]
         newest = updates[-1]
         if newest is None or not all(map(holds, updates)):
             return None
-        anew.trace.see_others_of(track.trace)
-        return anew, newest
+        new.trace.copy_others(track.trace)
+        return new, newest
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
                detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
@@ -165,7 +167,7 @@ class Starter:
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
             TraceBuilder(trace), size, Upright(self.rig, lane), second,
             lag_changes_s=self.view_lag.changes_s, stamp_std_s=trace.stamp_std_s,
-            fed=[] if self.view_lag.concerned else None,
+            restart_pairs=[] if self.view_lag.concerned else None,
             drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:

@@ -25,7 +25,7 @@ from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import CanHurry, CarriesOn, DoubtsStamps, TellsAge, Tracker, TrackStart
 from ..tracking.upright import Upright
 
-MOST_FED = 12  # pairs with which a track may have to begin anew
+MOST_RESTART_PAIRS = 12  # a track that was fed more pairs is not restarted
 
 
 @dataclass(eq=False)
@@ -49,12 +49,12 @@ class Track:
     :param stamp_std_s: 1-sigma assumed for its stamps, s; None for the configured one.
     :param unaware: whether its tracker could not be told that stamps have become uneven.
     :param hurried: whether its tracker was told to do little with the newest pair.
-    :param unhurried_ns: stamp of the last pair in which it was not; None before there was one.
-    :param turn: the pair that its tracker is fed meanwhile; None while there is none.
-    :param fed: the pairs that it was fed, while it may have to begin anew with other times of the
-        right view; None once it may not.
-    :param drift_rad: (3,) how far the right camera was taken to have turned in its first pair.
-    :param drift_change_rad: (3,) the greatest change of that in its pairs so far, either way.
+    :param unhurried_ns: stamp of the last pair in which it was not hurried; None if there is none.
+    :param turn: the pair that its tracker is solving for beside the others; None if there is none.
+    :param restart_pairs: all pairs that it was fed, as long as it can be restarted with corrected
+        right stamps; None if it cannot.
+    :param drift_rad: (3,) estimated rotation of the right camera in its first pair.
+    :param drift_change_rad: (3,) largest absolute change of that rotation in its pairs so far.
     """
 
     tracker: Tracker
@@ -75,7 +75,7 @@ class Track:
     hurried: bool = False
     unhurried_ns: Optional[int] = None
     turn: Optional[Turn] = None
-    fed: Optional[list[StereoPair]] = None
+    restart_pairs: Optional[list[StereoPair]] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -90,9 +90,10 @@ class Track:
         return self.turn is None and self.tracker.ended
 
     def feed(self, pair: StereoPair) -> Optional[TrackUpdate]:
-        """Feed a pair to its tracker, and to what else gathers evidence; return what it says."""
-        if self.fed is not None:
-            self.fed = [*self.fed, pair] if len(self.fed) < MOST_FED else None
+        """Feed a pair to the tracker and the other estimators; return the tracker's update."""
+        if self.restart_pairs is not None:
+            self.restart_pairs = [*self.restart_pairs, pair] if len(
+                self.restart_pairs) < MOST_RESTART_PAIRS else None
         return self.gather(pair, self.tracker.update(pair))
 
     def gather(self, pair: StereoPair, update: Optional[TrackUpdate]) -> Optional[TrackUpdate]:

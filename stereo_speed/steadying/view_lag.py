@@ -131,15 +131,16 @@ class ViewLag:
     def corrected(self, pair: StereoPair) -> StereoPair:
         """Return a pair with its right stamp corrected by the estimate."""
         self._gap_s = pair.right_lag_s
-        return self._timed(pair)
+        return self._with_right_stamp(pair)
 
-    def anew(self, pair: StereoPair) -> StereoPair:
-        """Return an earlier pair with the right stamp that the images speak for by now."""
+    def recorrected(self, pair: StereoPair) -> StereoPair:
+        """Return an earlier pair with its right stamp corrected by the present estimate."""
         came_ns = pair.right_stamp_ns if pair.right_came_ns is None else pair.right_came_ns
-        return self._timed(replace(pair, right_stamp_ns=came_ns, right_came_ns=None))
+        return self._with_right_stamp(
+            replace(pair, right_stamp_ns=came_ns, right_came_ns=None))
 
-    def _timed(self, pair: StereoPair) -> StereoPair:
-        """Return a pair as it came with the right stamp that the images speak for."""
+    def _with_right_stamp(self, pair: StereoPair) -> StereoPair:
+        """Return a pair, which has its original stamps, with its right stamp corrected."""
         gap_s = pair.right_lag_s
         if not gap_s or not self._applied and not self._constant:
             return pair
