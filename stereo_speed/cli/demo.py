@@ -59,8 +59,8 @@ EVERY_PAIR = 'most_wait_s:=60', 'hurry:=false'
 # The whole chain must be connected before the first image.
 WHOLE_CHAIN = 'wait_for_topics:=stereo/image_pair tracks'
 
-_DOMAINS = 80  # from 20 on
-_held: list[TextIO] = []  # locks, which end with this process
+_FIRST_DOMAIN, _DOMAINS = 20, 80  # ROS domains that private graphs use
+_domain_locks: list[TextIO] = []  # locked files, which are released when this process ends
 
 Reading = tuple[int, str, float, float]  # stamp ns, vehicle, speed and 1-sigma m/s
 
@@ -204,31 +204,33 @@ def _check(nodes: Sequence[Process]) -> bool:
 
 
 def private_graph() -> None:
-    """Keep the demo's graph apart from others: own domain, this machine only, large images."""
+    """Isolate the demo's ROS graph: its own domain, this machine only, large messages."""
     if 'ROS_DOMAIN_ID' not in os.environ:
-        os.environ['ROS_DOMAIN_ID'] = str(_own_domain())
+        os.environ['ROS_DOMAIN_ID'] = str(_free_domain())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     profile = _ROOT / 'config' / 'fastdds.xml'
     if profile.exists():
         os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
 
 
-def _own_domain() -> int:
+def _free_domain() -> int:
     """
-    Return the number of a domain that nobody has who asks for one here, for as long as this lives.
+    Return the number of a domain that no other private graph of this user has on this machine.
 
-    :raises DemoError: there is none left.
+    The domain is reserved until this process ends.
+
+    :raises DemoError: no domain is free.
     """
     for n in range(_DOMAINS):
-        domain = 20 + (os.getpid() + n) % _DOMAINS
+        domain = _FIRST_DOMAIN + (os.getpid() + n) % _DOMAINS
         name = f'stereo_speed_domain_{os.getuid()}_{domain}'
         lock = (Path(tempfile.gettempdir()) / name).open('w')
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:  # two graphs would hear each other's cameras
+        except OSError:  # another graph has this domain
             lock.close()
             continue
-        _held.append(lock)
+        _domain_locks.append(lock)
         return domain
     raise DemoError('demo: ROS_DOMAIN_ID: found all domains taken, wanted a free one')
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The processes that work for a node that measures, as forks of it.
+The helper processes of a measuring node, as forks of it.
 
-A fork has the libraries of the node, which take a second of a core to load, and shares their
-memory.  It can be made only while the node has a single thread, which is before ROS is there; so
-it is made before the parameters tell whether it is wanted.
+A fork has the node's libraries, which take a second of a core to load, and shares their memory.
+A node can be forked only while it has a single thread, which is before ROS is imported.  So the
+forks are made before the parameters tell whether they are needed.
 """
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ..core.helper_process import can_fork
 from ..detection.beside import SearchProcess
 from ..pipeline.pass_process import PassProcess
 
-# What measures, which the forks need too.
-_SHARED = ('stereo_speed.detection.search_process', 'stereo_speed.pipeline.assembly',
-           'stereo_speed.tracking.constrained')
+# Imported before the forks are made, because node and forks need them.
+_PRELOADED = ('stereo_speed.detection.search_process', 'stereo_speed.pipeline.assembly',
+              'stereo_speed.tracking.constrained')
 
 
 class Helpers:
     """
-    The forks, each given away once; a node that starts one anew starts a process of its own.
+    The forks, each of which is handed out once; later requests start new processes.
 
-    Without ``fork``, and where this process cannot be forked, there are none to give away.
+    Without a call of ``fork``, or where this process cannot be forked, all processes are new.
     """
 
     def __init__(self) -> None:
@@ -37,18 +37,18 @@ class Helpers:
         """Make the forks."""
         if not can_fork():
             return
-        for module in _SHARED:
+        for module in _PRELOADED:
             import_module(module)
-        gc.freeze()  # or each of them would copy what it looks at for garbage
+        gc.freeze()  # otherwise a garbage collection in a fork would copy the shared memory
         try:
             self._search = SearchProcess(fork=True)
             self._pass = PassProcess(fork=True)
-        except OSError:  # no more processes: the node will tell when it tries again
+        except OSError:  # the node reports the error when it starts a process itself
             pass
 
     def search_process(self) -> SearchProcess:
         """
-        Return the process that searches, or a new one.
+        Return the fork that searches for vehicles, or a new process.
 
         :raises OSError: it cannot be started.
         """
@@ -57,7 +57,7 @@ class Helpers:
 
     def pass_process(self) -> PassProcess:
         """
-        Return the process that measures passes, or a new one.
+        Return the fork that measures passes, or a new process.
 
         :raises OSError: it cannot be started.
         """
@@ -65,7 +65,7 @@ class Helpers:
         return PassProcess() if process is None else process
 
     def close(self) -> None:
-        """End those that nobody wanted."""
+        """End the forks that were not handed out."""
         for process in (self._search, self._pass):
             if process is not None:
                 process.close(0.0)

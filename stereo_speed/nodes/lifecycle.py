@@ -31,9 +31,9 @@ class MeasuringNode(LifecycleNode):
     read the site and subscribes to calibrations; in the active state it measures. If a transition
     fails, the state does not change, and the error is logged.
 
-    :param name: of the node.
-    :param speeds: publish ``vehicle_speed`` too.
-    :param helpers: processes that were made for it.
+    :param name: name of the node.
+    :param speeds: whether to publish ``vehicle_speed`` too.
+    :param helpers: its helper processes; None to start them when they are needed.
     """
 
     def __init__(self, name: str, *, speeds: bool = False, helpers: Optional[Helpers] = None
@@ -62,7 +62,7 @@ class MeasuringNode(LifecycleNode):
         raise NotImplementedError
 
     def activate(self) -> None:
-        """Measure what comes; what does so while kernels are loaded waits in its queue."""
+        """Begin to measure; input that arrives while kernels are loaded waits in its queue."""
         self.subscribe()
         try:
             self.measuring.activate()
@@ -153,10 +153,10 @@ class MeasuringNode(LifecycleNode):
 
 def run_measuring(kind: type[MeasuringNode], helpers: Helpers, args: Sequence[str]) -> int:
     """
-    Run a node that measures until it is told to stop; return its exit status, as of ``run``.
+    Run a measuring node until it is told to stop; return its exit status as ``run`` does.
 
-    :param kind: its class.
-    :param helpers: processes that were made for it.
+    :param kind: class of the node.
+    :param helpers: helper processes of the node.
     :param args: command line.
     """
     return run(partial(kind, helpers=helpers), args)

@@ -96,8 +96,8 @@ class Measuring:
 
     :param node: the node that it works for.
     :param p: declares the parameters.
-    :param outputs: publishes what comes of it.
-    :param helpers: processes that were made for it.
+    :param outputs: publishes the results.
+    :param helpers: the node's helper processes; None to start them when they are needed.
     :raises InputError: a parameter that cannot be used.
     """
 
@@ -167,7 +167,7 @@ class Measuring:
                              'the path of the site file')
         self.site = load_site(settings.site_path)
         self.annotations = load_init(settings.init_path) if settings.init_path else None
-        # Neither is waited for: until they are ready, what they do is done here.
+        # Neither is waited for, as their work is done in this process until they are ready.
         if self._searches_beside:
             self._searcher.start()
         if settings.pass_process:
@@ -218,10 +218,10 @@ class Measuring:
         """
         if self._thread is not None and self._thread.is_alive():
             raise MeasuringError('the last passes are still being measured')
-        self.log.debug(f'kernels: {warm_up()}')  # now, not in the first pairs
-        if self._thread is not None:  # there was another activation
+        self.log.debug(f'kernels: {warm_up()}')  # now rather than in the first pairs
+        if self._thread is not None:  # the last activation may have left garbage
             gc.collect()
-        gc.freeze()  # what is there by now stays: a tenth of a second each time it is gone through
+        gc.freeze()  # present objects stay; scanning them takes a tenth of a second each time
         self._begin_anew()
         if hasattr(DETECTORS.load(self.config.detector), 'offer'):
             self._boxes_subscription = self.node.create_subscription(
@@ -309,8 +309,8 @@ class Measuring:
                 if self.pipeline is not None:
                     self._move_search(self.pipeline)
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
-                if not len(self.queue) or self.outputs.introduction_is_late:
-                    self.outputs.introduce()
+                if not len(self.queue) or self.outputs.static_is_overdue:
+                    self.outputs.publish_static()
                 arrival = self.queue.take(_POLL_S)
                 self.counts.skipped.add(self.queue.pop_skipped())
                 if arrival is not None:
@@ -330,7 +330,7 @@ class Measuring:
         if self._waiting:
             self.log.warning(f'{len(self._waiting)} pairs were not measured: '
                              f'{self.state().message}')
-        self.outputs.introduce()
+        self.outputs.publish_static()
         self._end_passes()
         self.outputs.wait()
 
@@ -397,11 +397,12 @@ class Measuring:
         settings, (self._adopted, rig) = self.settings, self.calibration.current
         if rig is None or len(self._waiting) < settings.refine_pairs:
             return
-        pairs = [pair for arrival in self._waiting
-                 if (pair := self._made(arrival)) is not None] if settings.refine_pairs else None
-        with suppress(InputError):  # which is told when it is measured
+        pairs = [
+            pair for arrival in self._waiting
+            if (pair := self._pair_of(arrival)) is not None] if settings.refine_pairs else None
+        with suppress(InputError):  # the error is reported when the pair is measured
             first = self._waiting[0]
-            self._order.begin(rig, first.pair(first.index))  # while the road is laid out
+            self._order.begin(rig, first.pair(first.index))  # runs while the pipeline is made
         try:
             place = MeasuringSite.of(self.site, rig, pairs, self.config.site)
             pipeline = self._measure_at(place)
@@ -449,7 +450,8 @@ class Measuring:
         if place.not_refined:
             self.log.warning(f'site not refined, used as written: {place.not_refined}')
 
-    def _made(self, arrival: _Arrival) -> Optional[StereoPair]:
+    def _pair_of(self, arrival: _Arrival) -> Optional[StereoPair]:
+        """Return the pair that has arrived; None, and report it, where it cannot be used."""
         try:
             return arrival.pair(arrival.index)
         except InputError as error:
@@ -461,7 +463,7 @@ class Measuring:
         if arrival.ns < self._last_ns:
             self._start_anew(pipeline, arrival.ns)
         self._last_ns = arrival.ns
-        pair = self._made(arrival)
+        pair = self._pair_of(arrival)
         withheld = pair is not None and self._is_withheld(pair)
         self._mind_rig(pipeline)
         if pair is None or withheld:

@@ -36,7 +36,7 @@ class OrderWatch:
         self.crossed = False  # by the last look with a result
 
     def begin(self, rig: StereoRig, pair: StereoPair) -> None:
-        """Begin with the first look, which the first pair waits for."""
+        """Begin the first look ahead of the first pair, which waits for its result."""
         if self._looked_s is None and self._coming is None:
             self._coming = self._thread.submit(self._look, rig, pair)
 

@@ -37,7 +37,7 @@ from ..report.overlay import draw
 _ACK_WAIT = Duration(seconds=1)  # time for delivery of the last passes when the node stops
 _LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # lifetime of markers: least, and in intervals
 _JPEG_QUALITY = 80
-_INTRODUCED_S = 1.0  # after which what measures is told, however busy it is
+_STATIC_WAIT_S = 1.0  # longest time that static messages wait until no pair is queued
 
 
 class Outputs:
@@ -57,8 +57,9 @@ class Outputs:
         # The instrument is published by two threads, of measuring and of self-tests.
         self._telling = threading.Lock()
         self._instrument: Optional[Instrument] = None
-        self._begun: Optional[tuple[SpeedPipeline, MeasuringSite, PipelineConfig]] = None
-        self._begun_s = 0.0
+        # The arguments of ``begin``, until ``publish_static`` has used them.
+        self._unpublished: Optional[tuple[SpeedPipeline, MeasuringSite, PipelineConfig]] = None
+        self._begun_s = 0.0  # steady time of ``begin``
         self._self_test: Optional[Mapping[str, Any]] = None
 
         def publisher(kind: type, topic: str) -> Any:
@@ -81,30 +82,31 @@ class Outputs:
     def begin(self, pipeline: SpeedPipeline, place: MeasuringSite, config: PipelineConfig
               ) -> None:
         """
-        Be told what measures from now on; ``introduce`` will tell it.
+        Note the pipeline that ``publish_static`` is to describe.
 
         :param pipeline: the pipeline that measures from now on.
         :param place: the site that is measured at.
         :param config: the parameters.
         """
-        self._begun, self._begun_s = (pipeline, place, config), time.monotonic()
+        self._unpublished, self._begun_s = (pipeline, place, config), time.monotonic()
 
     @property
-    def introduction_is_late(self) -> bool:
-        """Return whether ``introduce`` may wait no longer, however many pairs do."""
-        return self._begun is not None and time.monotonic() - self._begun_s > _INTRODUCED_S
+    def static_is_overdue(self) -> bool:
+        """Return whether ``publish_static`` must be called now, even if pairs are queued."""
+        return self._unpublished is not None \
+            and time.monotonic() - self._begun_s > _STATIC_WAIT_S
 
-    def introduce(self) -> None:
+    def publish_static(self) -> None:
         """
-        Publish what stands as long as a pipeline does: the instrument, the lanes and the frames.
+        Publish what does not change during a pipeline: the instrument, the lanes and the frames.
 
-        It takes as long as two pairs, and readings come first: so it is done when no pair waits,
-        once for each pipeline.
+        It is published once for each pipeline.  That takes as long as two pairs, so it should be
+        done while no pair is queued, because readings come first.
         """
-        begun, self._begun = self._begun, None
-        if begun is None:
+        unpublished, self._unpublished = self._unpublished, None
+        if unpublished is None:
             return
-        pipeline, place, config = begun
+        pipeline, place, config = unpublished
         with self._telling:
             self._tell_instrument(Instrument.of(self.run, place, config))
         self.paths.publish(MarkerArray(markers=path_markers(

@@ -3,8 +3,8 @@
 """
 ``speed_camera_node``: two image streams in, speeds out; the three live nodes in one process.
 
-Its topics and parameters are those of ``stereo_sync_node``, ``tracker_node`` and ``speed_node``
-together, without the pairs as messages: images are not copied between processes.
+It has the topics and parameters of ``stereo_sync_node``, ``tracker_node`` and ``speed_node``, but
+publishes no pairs: images are not copied between processes.
 """
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ class SpeedCameraNode(MeasuringNode):
 
     def __init__(self, helpers: Optional[Helpers] = None) -> None:
         super().__init__('speed_camera_node', speeds=True, helpers=helpers)
-        # The calibrations are listened to once: a message costs as much as its callbacks.
+        # Calibrations are subscribed to only once, to save the cost of a second callback.
         self.pairing = Pairing(self, self.p, self.on_pair, infos=False)
         self.measuring.info_heard.append(self.pairing.on_info)
         self.diagnostics.tasks.update(self.pairing.tasks)
 
     def subscribe(self) -> None:
-        """Listen to the cameras."""
+        """Subscribe to the cameras."""
         self.pairing.subscribe()
 
     def unsubscribe(self) -> None:
-        """Listen no more."""
+        """Unsubscribe from the cameras."""
         self.pairing.close()
 
     def on_pair(self, pair: ImagePair) -> None:
-        """Measure a pair."""
+        """Queue a pair for measuring."""
         self.measuring.offer(pair.left_ns, lambda index: StereoPair(
             index, pair.left_ns, pair.right_ns, pair.left, pair.right))

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Starts ``speed_camera_node``, which is in ``speed_camera.py``."""
+"""Starts ``speed_camera_node``, which ``speed_camera.py`` defines."""
 from __future__ import annotations
 
 from functools import partial

@@ -1,10 +1,9 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How a node that measures is started: its processes first, and only then what has to do with ROS.
+Starts a measuring node: first its helper processes, and only then ROS.
 
-``rclpy`` has threads of its own as soon as it is imported, and a process that has others cannot be
-forked.
+``rclpy`` starts threads when it is imported, and a process with several threads cannot be forked.
 """
 from __future__ import annotations
 
@@ -16,24 +15,24 @@ from typing import Optional, Sequence
 from .helpers import Helpers
 
 
-def start(module: str, kind: str, args: Optional[Sequence[str]] = None) -> int:
+def start(module: str, class_name: str, args: Optional[Sequence[str]] = None) -> int:
     """
-    Run a node until it is told to stop; return its exit status, as of ``common.run``.
+    Run a node until it is told to stop; return its exit status as ``common.run`` does.
 
-    :param module: that has its class.
-    :param kind: name of the class, which takes the helpers that were made for it.
-    :param args: command line.
+    :param module: module of the node's class.
+    :param class_name: name of the class, whose constructor takes ``helpers``.
+    :param args: command line; None for that of this process.
     """
-    given, helpers = list(sys.argv[1:] if args is None else args), Helpers()
-    gc.disable()  # to look for garbage in what is imported takes a tenth of the time
-    if not {'-h', '--help'} & set(given):
+    words, helpers = list(sys.argv[1:] if args is None else args), Helpers()
+    gc.disable()  # garbage collection would take a tenth of the time of the imports
+    if not {'-h', '--help'} & set(words):
         helpers.fork()
     run_measuring = import_module('.lifecycle', __package__).run_measuring
-    made = getattr(import_module(module), kind)
-    gc.freeze()  # what is there by now stays
+    node_class = getattr(import_module(module), class_name)
+    gc.freeze()  # present objects stay, so later collections need not scan them
     gc.enable()
     try:
-        status: int = run_measuring(made, helpers, given)
+        status: int = run_measuring(node_class, helpers, words)
         return status
     finally:
         helpers.close()

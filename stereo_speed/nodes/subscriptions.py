@@ -3,9 +3,10 @@
 """
 Subscriptions that adapt to the publishers: reliable if these are, best effort otherwise.
 
-A reliable subscription hears nothing of a best-effort publisher, and a best-effort one loses large
-images of a reliable publisher. So it begins with best effort, which hears everybody, where no
-publisher is known yet, and becomes reliable as soon as all publishers of its topic are.
+A reliable subscription receives nothing from a best-effort publisher, and a best-effort one loses
+large images of a reliable publisher. So the subscription begins with best effort, which is
+compatible with all publishers, unless all known publishers of its topic are reliable, and becomes
+reliable as soon as all are.
 """
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from .common import Parameters, qos_options
 from ..core.errors import InputError
 
 _DEPTH = 10
-_LOOK_S = 0.2  # interval at which publishers are checked
+_CHECK_S = 0.2  # interval at which publishers are checked
 
 
 def image_kind(p: Parameters) -> tuple[type, str]:
@@ -42,9 +43,9 @@ class OfferedSubscription:
     """
     See the module's docstring.
 
-    Until what is subscribed anew has its first message, the former subscription goes on, so that
-    none is lost between the two.  Where ``qos_overrides.TOPIC.subscription.reliability`` is given,
-    that holds.
+    When the reliability changes, the former subscription is kept until the new one receives its
+    first message, so that no message is lost in between.  The parameter
+    ``qos_overrides.TOPIC.subscription.reliability``, if given, takes precedence.
 
     :param node: the node that subscribes.
     :param kind: class of the messages.
@@ -57,22 +58,22 @@ class OfferedSubscription:
         self.node, self.kind, self.topic, self.callback = node, kind, topic, callback
         self.resolved = node.resolve_topic_name(topic)
         self._former: Optional[Subscription] = None
-        self._former_last: Any = None  # the last message that it has brought
+        self._former_last: Any = None  # the last message received by it since
         self.subscription: Subscription = node.create_subscription(
             kind, topic, self._take, QoSProfile(depth=_DEPTH, reliability=(
-                ReliabilityPolicy.RELIABLE if self._offered()
+                ReliabilityPolicy.RELIABLE if self._all_reliable()
                 else ReliabilityPolicy.BEST_EFFORT)),
             qos_overriding_options=qos_options())
-        self._looking: Optional[Timer] = None
-        given = f'qos_overrides.{self.resolved}.subscription.reliability'
-        if given not in node._parameter_overrides:  # rclpy has no public access to them
-            self._looking = node.create_timer(_LOOK_S, self.adapt,
-                                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._check_timer: Optional[Timer] = None
+        override = f'qos_overrides.{self.resolved}.subscription.reliability'
+        if override not in node._parameter_overrides:  # rclpy has no public access to them
+            self._check_timer = node.create_timer(_CHECK_S, self.adapt,
+                                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def close(self) -> None:
         """Unsubscribe."""
-        if self._looking is not None:
-            self.node.destroy_timer(self._looking)
+        if self._check_timer is not None:
+            self.node.destroy_timer(self._check_timer)
         self._end_former()
         self.node.destroy_subscription(self.subscription)
 
@@ -81,19 +82,19 @@ class OfferedSubscription:
         """Return whether it is a reliable subscription now."""
         return bool(self.subscription.qos_profile.reliability is ReliabilityPolicy.RELIABLE)
 
-    def _offered(self) -> Optional[bool]:
+    def _all_reliable(self) -> Optional[bool]:
         """Return whether all publishers are reliable; None where there are none."""
         offered = [p.qos_profile.reliability
                    for p in self.node.get_publishers_info_by_topic(self.resolved)]
         return all(r is ReliabilityPolicy.RELIABLE for r in offered) if offered else None
 
     def adapt(self) -> None:
-        """Subscribe anew where the publishers offer something else than before."""
-        wanted = self._offered()
+        """Subscribe again if the publishers' reliability has changed."""
+        wanted = self._all_reliable()
         if wanted is None or wanted == self.reliable:
             return
-        known, last = self.subscription.qos_profile, self.subscription
-        if self._former is not None:  # which is what is wanted now
+        qos, last = self.subscription.qos_profile, self.subscription
+        if self._former is not None:  # it has the wanted reliability
             self.subscription, self._former, self._former_last = self._former, None, None
             self.subscription.callback = self._take
             self.node.destroy_subscription(last)
@@ -102,21 +103,21 @@ class OfferedSubscription:
         last.callback = self._take_former
         self.subscription = self.node.create_subscription(
             self.kind, self.topic, self._take, QoSProfile(
-                history=known.history, depth=known.depth, durability=known.durability,
+                history=qos.history, depth=qos.depth, durability=qos.durability,
                 reliability=(ReliabilityPolicy.RELIABLE if wanted
                              else ReliabilityPolicy.BEST_EFFORT)))
 
     def _take(self, msg: Any) -> None:
-        """Take a message, unless the former subscription has brought it."""
+        """Handle a message, unless the former subscription has received it already."""
         if self._former is not None:
-            brought = self._former_last
+            known = self._former_last
             self._end_former()
-            if msg == brought:
+            if msg == known:
                 return
         self.callback(msg)
 
     def _take_former(self, msg: Any) -> None:
-        """Take a message of the former subscription."""
+        """Handle a message of the former subscription."""
         self._former_last = msg
         self.callback(msg)
 

@@ -3,8 +3,7 @@
 """
 ``tracker_node``: synchronized pairs in, tracks, passes, markers and an overlay out.
 
-What it measures with is in ``measuring``, what it publishes in ``outputs``, its lifecycle in
-``lifecycle``.
+The measuring is in ``measuring``, the publishers in ``outputs``, the lifecycle in ``lifecycle``.
 """
 from __future__ import annotations
 
@@ -28,16 +27,16 @@ class TrackerNode(MeasuringNode):
         self.pairs: Optional[Subscription] = None
 
     def subscribe(self) -> None:
-        """Listen for pairs."""
+        """Subscribe to pairs."""
         self.pairs = self.create_subscription(Image, PAIR_TOPIC, self.on_pair, RELIABLE,
                                               qos_overriding_options=qos_options())
 
     def unsubscribe(self) -> None:
-        """Listen no more."""
+        """Unsubscribe from pairs."""
         if self.pairs is not None:
             self.destroy_subscription(self.pairs)
             self.pairs = None
 
     def on_pair(self, msg: Image) -> None:
-        """Take a pair."""
+        """Queue a pair for measuring."""
         self.measuring.offer(stamp_ns(msg.header.stamp), partial(pair_from_message, msg))

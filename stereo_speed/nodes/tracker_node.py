@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Starts ``tracker_node``, which is in ``tracker.py``."""
+"""Starts ``tracker_node``, which ``tracker.py`` defines."""
 from __future__ import annotations
 
 from functools import partial

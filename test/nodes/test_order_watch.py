@@ -38,7 +38,7 @@ def test_first_check_is_waited_for():
         watch.close()
 
 
-def test_a_first_look_that_was_begun_ahead_is_waited_for_and_no_other_is_made():
+def test_first_check_begun_ahead_is_waited_for_and_not_repeated():
     looks = Looks(True, False)
     watch = looks.watch()
     watch.begin(None, 'ahead'), watch.begin(None, 'again')
@@ -49,7 +49,7 @@ def test_a_first_look_that_was_begun_ahead_is_waited_for_and_no_other_is_made():
     watch.close()
 
 
-def test_later_looks_are_taken_in_with_a_later_pair():
+def test_later_checks_are_taken_in_with_a_later_pair():
     looks = Looks(False, True)
     watch = looks.watch()
     watch.take(None, 0)

@@ -48,13 +48,13 @@ def test_instrument_is_published_with_each_self_test_and_calibration(told, outpu
     pipeline = place.pipeline(PipelineConfig())
     outputs.tell_self_test(None)
     outputs.begin(pipeline, place, PipelineConfig())
-    assert not told['instrument'] and not outputs.introduction_is_late  # readings come first
-    outputs.introduce()
+    assert not told['instrument'] and not outputs.static_is_overdue  # readings come first
+    outputs.publish_static()
     for newest in (None, PASSED, PASSED, LATER):
         outputs.tell_self_test(newest)
     outputs.begin(pipeline, place, PipelineConfig())  # with another calibration, say
-    outputs.introduce()
-    outputs.introduce()  # which tells nothing a second time
+    outputs.publish_static()
+    outputs.publish_static()  # publishes nothing the second time
 
     found = [Instrument.of_text(message.data, 'instrument') for message in told['instrument']]
     assert [one.self_test for one in found] == [None, PASSED, LATER, LATER]
@@ -66,6 +66,6 @@ def test_self_test_passed_before_the_rig_is_known_is_published_with_it(told, out
     outputs.tell_self_test(PASSED)
     assert not told['instrument']
     outputs.begin(place.pipeline(PipelineConfig()), place, PipelineConfig())
-    outputs.introduce()
+    outputs.publish_static()
     message, = told['instrument']
     assert Instrument.of_text(message.data, 'instrument').self_test == PASSED

@@ -191,7 +191,7 @@ def helper_of(pid: int, module: str) -> int:
         try:
             parent = int((folder / 'stat').read_text().rpartition(')')[2].split()[1])
             command = (folder / 'cmdline').read_text() + (folder / 'comm').read_text()
-        except OSError:  # it has ended meanwhile
+        except OSError:  # the process has ended
             continue
         if parent == pid and module in command:
             return int(folder.name)

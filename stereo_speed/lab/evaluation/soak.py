@@ -48,9 +48,10 @@ class Sample:
     """
     The resources of a process at a time.
 
-    :param at_s: steady time.
-    :param memory_mb: memory that it has written to, MB: neither files nor segments of DDS, which
-        have a size and count once they are touched, and none that only became its own.
+    :param at_s: monotonic time.
+    :param memory_mb: anonymous memory, MB.  It excludes mapped files and the segments of DDS,
+        whose size is fixed.  Unlike private memory, it does not grow when a fork becomes the
+        only owner of pages that it shared.
     :param handles: open files and sockets.
     :param threads: number of threads.
     """
