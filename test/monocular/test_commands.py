@@ -154,7 +154,7 @@ def test_environment_survives_a_bridge_in_a_bend_where_plain_does_not(scene, tmp
     assert main(['evaluate', '--video', str(scene.video), '--map', str(scene.map), '--init',
                  str(scene.init), '--truth', str(scene.truth), '--out', str(tmp_path), '--seeds',
                  '8', '--strides', '1', '--particles', '150', '--jobs', '1']) == 0
-    assert 'what is kept' in capsys.readouterr().out
+    assert 'targets kept' in capsys.readouterr().out
     rows = list(csv.DictReader((tmp_path / 'settings.csv').open()))
     kept = {r['tracker']: float(r['kept to the end, %']) for r in rows}
     assert set(kept) == {'environment', 'plain'}
