@@ -455,8 +455,9 @@ class TrackerConfig(CheckedRecord):
     stamp_std_s: float = parameter(
         2e-4, 0.0, 0.1, 's', '1-sigma of each header stamp relative to the true exposure')
     uneven_stamp_sigmas: float = parameter(
-        2.0, 1.0, 1e6, '', 'stamps that deviate from an even pace by more than this many stamp_std_s '
-        'are taken to be wrong by the deviation; set it large if exposures are known to be uneven')
+        2.0, 1.0, 1e6, '', 'stamps that deviate from an even pace by more than this many '
+        'stamp_std_s are taken to be wrong by the deviation; set it large if exposures are known '
+        'to be uneven')
     exposure_odds: float = parameter(
         20.0, 0.0, 1e6, '', 'odds, by the images of a whole pass, above which its uneven stamps '
         'count as correct, with a 1-sigma of stamp_std_s; 0 for always')

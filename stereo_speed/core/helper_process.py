@@ -10,6 +10,7 @@ lacks the other threads of its parent and would wait for ever for locks that the
 from __future__ import annotations
 
 from contextlib import contextmanager
+import gc
 from importlib import import_module
 from mmap import mmap
 from multiprocessing.connection import Connection
@@ -30,8 +31,6 @@ _START_S = 30.0  # time limit of a start, which takes two seconds on an idle mac
 _END_S = 2.0  # time that a helper has to end by itself
 _POLL_S = 0.005  # interval of the checks whether a fork has ended
 _LONGEST_NAME = 15  # characters of a process's name, to which the kernel truncates it
-
-
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -76,6 +75,7 @@ class Fork:
         if self.pid == 0:
             status = 1
             try:
+                gc.enable()  # the parent may have paused it while it imports
                 work()
                 status = 0
             except BaseException:

@@ -25,13 +25,13 @@ def start(module: str, class_name: str, args: Optional[Sequence[str]] = None) ->
     """
     words, helpers = list(sys.argv[1:] if args is None else args), Helpers()
     gc.disable()  # garbage collection would take a tenth of the time of the imports
-    if not {'-h', '--help'} & set(words):
-        helpers.fork()
-    run_measuring = import_module('.lifecycle', __package__).run_measuring
-    node_class = getattr(import_module(module), class_name)
-    gc.freeze()  # present objects stay, so later collections need not scan them
-    gc.enable()
     try:
+        if not {'-h', '--help'} & set(words):
+            helpers.fork()
+        run_measuring = import_module('.lifecycle', __package__).run_measuring
+        node_class = getattr(import_module(module), class_name)
+        gc.freeze()  # present objects stay, so later collections need not scan them
+        gc.enable()
         status: int = run_measuring(node_class, helpers, words)
         return status
     finally:

@@ -12,7 +12,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from ..core.helper_process import HelperProcess
 
 PAUSE_S, LONGEST_PAUSE_S = 2.0, 120.0  # first and longest pause before a restart; it doubles
-_START_S = 30.0  # time-out of a start, which takes a second on an idle machine
+_START_S = 30.0  # time-out of a start, which takes two seconds on an idle machine
 
 P = TypeVar('P', bound=HelperProcess)
 

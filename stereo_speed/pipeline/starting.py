@@ -128,7 +128,7 @@ class Starter:
         pairs = [self.view_lag.recorrected(pair) for pair in track.restart_pairs]
         next_track, self.next_track = self.next_track, start.track
         new = self._start(start.front, pairs[0], self.lanes[start.lane], track.detection,
-                          pairs[-1])
+                          pairs[-1], start.particles)
         self.next_track = next_track
         if isinstance(new, Refusal):
             return None
@@ -141,17 +141,20 @@ class Starter:
         return new, newest
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
-               detection: Optional[Detection], newest: StereoPair) -> Union[Track, Refusal]:
+               detection: Optional[Detection], newest: StereoPair,
+               particles: Optional[int] = None) -> Union[Track, Refusal]:
         """
         Return a new track, or why none can start.
 
         :param pair: the pair of the front.
         :param detection: the detection of the front; None where a person annotated it.
         :param newest: the current pair.
+        :param particles: number of particles; None for the share of one more track.
         """
+        if particles is None:
+            particles = share_of(self.config, len(self.roster.tracks) + 1)
         trace = PassTrace(
-            self.next_track, self.seed, lane.name, front,
-            share_of(self.config, len(self.roster.tracks) + 1),
+            self.next_track, self.seed, lane.name, front, particles,
             seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
             stamp_std_s=self.stamp_std_s)
         tracker = self.start_tracker(start_of(trace, self.rig, lane, self.config, pair))

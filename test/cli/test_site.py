@@ -16,7 +16,8 @@ def test_refine_writes_a_usable_site(sample, short_bag, tmp_path, capsys):
     assert main(['site', 'refine', str(short_bag), '--site', str(sample / 'site.yaml'),
                  '--out', str(out), '--pictures', str(pictures)]) == 0
     printed = capsys.readouterr().out
-    for word in ('edge_right', 'residual px', 'mph at the speed limit', 'epipolar', 'only 4 pairs'):
+    for word in ('edge_right', 'residual px', 'mph at the speed limit', 'epipolar',
+                 'only 4 pairs'):
         assert word in printed
     site, rough = load_site(out), load_site(sample / 'site.yaml')
     assert site.lanes == rough.lanes and list(site.lines) == list(rough.lines)

@@ -3,6 +3,7 @@
 """Helper processes that cannot be started."""
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 import signal
@@ -106,6 +107,15 @@ def test_exception_in_a_fork_is_its_exit_status_only(capfd):
     assert fork.wait(END_S) == 1 == fork.poll()
     assert 'SystemExit' in capfd.readouterr().err
     fork.kill()  # which does nothing any more
+
+
+def test_fork_collects_garbage_although_its_parent_has_paused_that():
+    gc.disable()
+    try:
+        fork = Fork(lambda: gc.isenabled() or os._exit(3))
+    finally:
+        gc.enable()
+    assert fork.wait(END_S) == 0
 
 
 def test_running_fork_is_waited_for_up_to_the_limit_and_can_be_killed():
