@@ -60,9 +60,8 @@ class OfferedSubscription:
         self._former: Optional[Subscription] = None
         self._former_last: Any = None  # the last message received by it since
         self.subscription: Subscription = node.create_subscription(
-            kind, topic, self._take, QoSProfile(depth=_DEPTH, reliability=(
-                ReliabilityPolicy.RELIABLE if self._all_reliable()
-                else ReliabilityPolicy.BEST_EFFORT)),
+            kind, topic, self._take,
+            QoSProfile(depth=_DEPTH, reliability=_reliability(self._all_reliable())),
             qos_overriding_options=qos_options())
         self._check_timer: Optional[Timer] = None
         override = f'qos_overrides.{self.resolved}.subscription.reliability'
@@ -104,8 +103,7 @@ class OfferedSubscription:
         self.subscription = self.node.create_subscription(
             self.kind, self.topic, self._take, QoSProfile(
                 history=qos.history, depth=qos.depth, durability=qos.durability,
-                reliability=(ReliabilityPolicy.RELIABLE if wanted
-                             else ReliabilityPolicy.BEST_EFFORT)))
+                reliability=_reliability(wanted)))
 
     def _take(self, msg: Any) -> None:
         """Handle a message, unless the former subscription has received it already."""
@@ -125,3 +123,8 @@ class OfferedSubscription:
         former, self._former, self._former_last = self._former, None, None
         if former is not None:
             self.node.destroy_subscription(former)
+
+
+def _reliability(reliable: Optional[bool]) -> ReliabilityPolicy:
+    """Return the policy of a subscription; ``reliable`` is None while no publisher is known."""
+    return ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
