@@ -75,7 +75,7 @@ class PassProcess(HelperProcess):
         try:
             text = pickle.dumps(measure, protocol=5, buffer_callback=inline)
         except Exception as error:  # a tracker of another package may raise anything
-            raise OnlyHereError(str(error)) from error
+            raise OnlyHereError(f'the pass cannot be pickled: {error}') from error
         answer: Union[PassResult, Exception] = self.answered((self._shared(images), text))
         return answer
 
@@ -121,7 +121,7 @@ def _answer(request: tuple[Sequence[tuple[int, int]], bytes], memory: memoryview
     try:
         measure: Measure = pickle.loads(text, buffers=images)  # noqa: S301 (from our own parent)
     except Exception as error:
-        return OnlyHereError(str(error))
+        return OnlyHereError(f'the pass cannot be unpickled: {error}')
     try:
         return measure()
     except Exception as error:

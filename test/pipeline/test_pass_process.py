@@ -68,7 +68,7 @@ def test_measuring_error_is_raised_and_the_next_pass_is_measured(ready):
 
 
 def test_unpicklable_pass_is_an_error(ready):
-    with pytest.raises(OnlyHereError, match='pickle'):
+    with pytest.raises(OnlyHereError, match='cannot be pickled'):
         ready.measured(lambda: 'a')
     assert ready.measured(partial(operator.add, 1, 2)) == 3
 
