@@ -30,16 +30,10 @@ def told(speed, off_ns=0):
 
 
 @pytest.mark.parametrize('off_ns', [0, HOUR, -HOUR])
-@pytest.mark.parametrize(('rows', 'mean'), [((0, 1, 2, 3, 4), 16.0), ((0, 4), 16.0),
-                                            ((0, 1), 19.0), ((3, 4), 16.0), ((1, 2, 4), 16.0),
-                                            ((2, 4), 16.0)])
-def test_pass_is_compared_with_its_vehicle_over_its_pairs(rows, mean, off_ns):
-    """
-    All pairs up to the last published one count, including a gap; also with stamps an hour off.
-
-    Between two published ones there are as many pairs as rows.
-    """
-    assert _pass_error(told(mean + 0.1, off_ns), heard(*rows, off_ns=off_ns), TRUTH) \
+@pytest.mark.parametrize('rows', [(0, 1, 2, 3, 4), (0, 4), (0, 1), (3,), (1, 2, 4)])
+def test_pass_is_compared_with_its_vehicle_over_its_time(rows, off_ns):
+    """However few of its positions are published; also with stamps an hour off."""
+    assert _pass_error(told(16.1, off_ns), heard(*rows, off_ns=off_ns), TRUTH) \
         == pytest.approx((0.1, 0.5))
 
 
