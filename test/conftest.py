@@ -13,22 +13,26 @@ import tempfile
 import time
 from typing import Any, Callable, Optional
 
-import cv2
-import numpy as np
-import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
-from stereo_speed.geometry.camera import Camera
-from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.io.bags import StereoBag
-from stereo_speed.lab.sim.config import circle_config
-from stereo_speed.lab.sim.sequence import simulate
-from stereo_speed.pipeline.assembly import MeasuringSite
-from stereo_speed.pipeline.config import PipelineConfig
-from stereo_speed.pipeline.run import run
-from stereo_speed.site.file import load_site
-from stereo_speed.site.init_file import load_init
-import yaml
+from stereo_speed.core.threads import one_blas_thread
+
+one_blas_thread()  # as every command does, before numpy is loaded: other threads, other rounding
+
+import cv2  # noqa: E402, I100
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from stereo_speed.geometry.camera import Camera  # noqa: E402
+from stereo_speed.geometry.rig import StereoRig  # noqa: E402
+from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.lab.sim.config import circle_config  # noqa: E402
+from stereo_speed.lab.sim.sequence import simulate  # noqa: E402
+from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
+from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
+from stereo_speed.pipeline.run import run  # noqa: E402
+from stereo_speed.site.file import load_site  # noqa: E402
+from stereo_speed.site.init_file import load_init  # noqa: E402
+import yaml  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 
