@@ -5,8 +5,8 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 SOURCES := stereo_speed launch test setup.py tools
-# a file of tests stays on one core, for its tests share what it made
-CORES := -n auto --dist loadfile
+# a file of tests stays on one core, for its tests share what it made; long files come first
+CORES := -n auto --dist loadfile --no-loadscope-reorder
 # what test-fast leaves out: tests of real nodes, of commands, of whole drives, of drawn scenes
 FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes \
 	--ignore=test/lab/sim

@@ -3,6 +3,7 @@
 """Shared fixtures: a pass on a bend, clicked roads, small bags, a private ROS graph."""
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass
 import fcntl
@@ -13,36 +14,62 @@ import tempfile
 import time
 from typing import Any, Callable, Optional
 
-import cv2
-import numpy as np
-import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
-from stereo_speed.geometry.camera import Camera
-from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.io.bags import StereoBag
-from stereo_speed.lab.sim.config import circle_config
-from stereo_speed.lab.sim.sequence import simulate
-from stereo_speed.pipeline.assembly import MeasuringSite
-from stereo_speed.pipeline.config import PipelineConfig
-from stereo_speed.pipeline.run import run
-from stereo_speed.site.file import load_site
-from stereo_speed.site.init_file import load_init
-import yaml
+from stereo_speed.core.threads import one_blas_thread
+
+one_blas_thread()  # as every command does, before numpy is loaded: other threads, other rounding
+
+import cv2  # noqa: E402, I100
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from rosbags.highlevel import AnyReader  # noqa: E402
+from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: E402
+from stereo_speed.geometry.camera import Camera  # noqa: E402
+from stereo_speed.geometry.rig import StereoRig  # noqa: E402
+from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.lab.sim.config import circle_config  # noqa: E402
+from stereo_speed.lab.sim.sequence import simulate  # noqa: E402
+from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
+from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
+from stereo_speed.pipeline.run import run  # noqa: E402
+from stereo_speed.site.file import load_site  # noqa: E402
+from stereo_speed.site.init_file import load_init  # noqa: E402
+import yaml  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
+SEVERAL_PROCESSES = '/test/integration/', '/test/studio/'
+COMMANDS = '/test/cli/', '/test/lab/cli/', '/test/batch/'
+
+
 def pytest_collection_modifyitems(items):
     """
-    Rerun failed tests of several processes, which a busy machine may delay for too long.
+    Start with the files that take long, and rerun failed tests of several processes.
 
-    A DDS message sent before its receiver is discovered is lost, and a browser times out.
+    A file is run by one worker, so a long one at the end would leave the others idle.  A busy
+    machine may delay processes for too long: a DDS message sent before its receiver is
+    discovered is lost, and a browser times out.
     """
+    times = Counter()
     for item in items:
-        if 'private_graph' in item.fixturenames or any(
-                f'/test/{room}/' in item.path.as_posix() for room in ('integration', 'studio')):
+        times[item.path] += usual_s(item)
+        if 'private_graph' in item.fixturenames or is_in(item, SEVERAL_PROCESSES):
             item.add_marker(pytest.mark.flaky(reruns=2))
+    items.sort(key=lambda item: -times[item.path])  # stable: a file's tests keep their order
+
+
+def is_in(item, rooms):
+    """Return whether a test is in one of some rooms."""
+    return any(room in item.path.as_posix() for room in rooms)
+
+
+def usual_s(item):
+    """Return roughly how long a test takes, s."""
+    if is_in(item, SEVERAL_PROCESSES[:1]):
+        return 8.0
+    if item.get_closest_marker('slow'):
+        return 4.0 if is_in(item, COMMANDS) else 2.0
+    return 0.05
 
 
 @pytest.fixture(scope='session')

@@ -3,7 +3,6 @@
 """Helper processes that cannot be started."""
 from __future__ import annotations
 
-import gc
 import os
 from pathlib import Path
 import signal
@@ -14,7 +13,7 @@ import time
 
 import pytest
 from stereo_speed.core import helper_process
-from stereo_speed.core.helper_process import can_fork, Fork, HelperProcess
+from stereo_speed.core.helper_process import can_fork, HelperProcess
 
 END_S = 20.0
 FORKS = """
@@ -99,32 +98,61 @@ def is_running(pid):
         return False
 
 
-def test_exception_in_a_fork_is_its_exit_status_only(capfd):
-    def fail():
-        raise SystemExit(0)
+FAILS = """
+import sys
+from stereo_speed.core.helper_process import Fork
+fork = Fork(lambda: sys.exit(0))
+assert fork.wait(20.0) == 1 == fork.poll()
+fork.kill()  # which does nothing any more
+"""
+COLLECTS = """
+import gc, os
+from stereo_speed.core.helper_process import Fork
+gc.disable()
+fork = Fork(lambda: gc.isenabled() or os._exit(3))
+assert not gc.isenabled() and fork.wait(20.0) == 0
+"""
+WAITED_FOR = """
+import subprocess, time
+from stereo_speed.core.helper_process import Fork
+fork = Fork(lambda: time.sleep(20.0))
+try:
+    fork.wait(0.0)
+except subprocess.TimeoutExpired:
+    pass
+else:
+    raise AssertionError('it has not ended')
+assert fork.poll() is None
+fork.kill()
+assert fork.wait(20.0) == -9
+"""
+UNKNOWN = """
+import os
+from stereo_speed.core.helper_process import Fork
+fork = Fork(lambda: None)
+os.waitpid(fork.pid, 0)  # as where signals of ends are ignored
+assert fork.wait(20.0) == 0
+"""
 
-    fork = Fork(fail)
-    assert fork.wait(END_S) == 1 == fork.poll()
-    assert 'SystemExit' in capfd.readouterr().err
-    fork.kill()  # which does nothing any more
+
+def run_alone(program):
+    """Run a program in a process with one thread; return what it and its forks report."""
+    done = subprocess.run([sys.executable, '-W', 'error', '-c', program], timeout=2 * END_S,
+                          text=True, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
 
 
-def test_fork_collects_garbage_although_its_parent_has_paused_that():
-    gc.disable()
-    try:
-        fork = Fork(lambda: gc.isenabled() or os._exit(3))
-    finally:
-        gc.enable()
-    assert fork.wait(END_S) == 0
+def test_exception_in_a_fork_is_its_exit_status_only():
+    assert 'SystemExit' in run_alone(FAILS)
 
 
-def test_running_fork_is_waited_for_up_to_the_limit_and_can_be_killed():
-    fork = Fork(lambda: time.sleep(END_S))
-    with pytest.raises(subprocess.TimeoutExpired):
-        fork.wait(0.0)
-    assert fork.poll() is None
-    fork.kill()
-    assert fork.wait(END_S) == -9
+@pytest.mark.parametrize('program', [COLLECTS, WAITED_FOR, UNKNOWN], ids=[
+    'a fork collects garbage although its parent has paused that',
+    'a running fork is waited for up to the limit and can be killed',
+    'an unknown exit status counts as success'])
+def test_fork(program):
+    assert run_alone(program) == ''
 
 
 def test_separate_process_is_started_where_forking_is_impossible(monkeypatch):
@@ -134,12 +162,6 @@ def test_separate_process_is_started_where_forking_is_impossible(monkeypatch):
     monkeypatch.setattr(helper_process, '_started', start)
     with pytest.raises(OSError, match='started'):
         HelperProcess('stereo_speed.detection.search_process', 5.0, fork=True)
-
-
-def test_unknown_exit_status_of_a_fork_counts_as_success():
-    fork = Fork(lambda: None)
-    os.waitpid(fork.pid, 0)  # as where signals of ends are ignored
-    assert fork.wait(END_S) == 0
 
 
 def test_process_with_other_threads_is_not_forked():

@@ -58,11 +58,10 @@ def test_views_that_most_lines_show_alike_stay_unchanged(blurs):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', [4, 5])
-def test_camera_out_of_focus_is_not_taken_for_rotated(make_scene, seed):
+def test_camera_out_of_focus_is_not_taken_for_rotated(make_scene):
     rig = replace(straight_config().rig, width_px=720, height_px=540, f_px=1250.0)
     scene = make_scene(straight_config(
-        rig=rig, pairs=7, faults=FaultConfig(right_defocus_px=2.0)), seed)
+        rig=rig, pairs=7, faults=FaultConfig(right_defocus_px=2.0)), 4)
     drift = refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs).drift
     assert not drift.moved
     # As sure as with both cameras in focus; one in, one out left up to 0.006 degrees of roll.

@@ -42,48 +42,49 @@ def test_fixed_rig_is_not_off(measured_with):
     assert not state.turned and not state.confirmed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('changes', [
-    {'rig_moved_deg': (0.1, 0.0, 0.0)},  # the right camera pans
-    {'camera_yaw_deg': 3.0},  # the pole turns
-], ids=['right camera', 'pole'])
-def test_moved_rig_is_off(measured_with, changes):
+@pytest.fixture(scope='module')
+def turned(measured_with):
+    """Return the configuration of a rig whose right camera pans, its pairs, and their state."""
     config, used, _ = measured_with
-    pairs = simulate(replace(config, **changes), np.random.default_rng(5)).pairs
+    config = replace(config, rig_moved_deg=(0.05, 0.0, 0.0))
+    pairs = simulate(config, np.random.default_rng(5)).pairs
+    return config, pairs, rig_state(used, pairs)
+
+
+@pytest.mark.slow
+def test_turned_pole_is_off(measured_with):
+    config, used, _ = measured_with
+    pairs = simulate(replace(config, camera_yaw_deg=3.0), np.random.default_rng(5)).pairs
     assert rig_state(used, pairs).is_off
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', [5, 6])
-def test_swaying_rig_is_not_off(measured_with, seed):
+def test_swaying_rig_is_not_off(measured_with):
     config, used, _ = measured_with
-    pairs = simulate(replace(config, sway_deg=0.1), np.random.default_rng(seed)).pairs
+    pairs = simulate(replace(config, sway_deg=0.1), np.random.default_rng(5)).pairs
     state = look_at_rig(used, pairs, SiteConfig())
     assert state.share is not None and not state.is_off, state.text
 
 
 @pytest.mark.slow
-def test_rotation_followed_by_steadying_is_not_off(measured_with):
-    config, used, _ = measured_with
-    turn = np.radians((0.03, 0.0, 0.0))
-    pairs = simulate(replace(config, rig_moved_deg=tuple(np.degrees(turn))),
-                     np.random.default_rng(5)).pairs
-    followed = RigMotion((0.0, 0.0, 0.0), tuple(turn))
-    assert rig_state(used, pairs).is_off
+def test_rotation_followed_by_steadying_is_not_off(measured_with, turned):
+    _, used, _ = measured_with
+    config, pairs, state = turned
+    followed = RigMotion((0.0, 0.0, 0.0), tuple(np.radians(config.rig_moved_deg)))
+    assert state.is_off
     assert not rig_state(used, pairs, followed=followed).is_off
 
 
 @pytest.mark.slow
-def test_two_looks_that_agree_determine_the_new_state(measured_with):
-    config, used, standing = measured_with
-    turned = replace(config, rig_moved_deg=(0.05, 0.0, 0.0))
-    first = rig_state(used, simulate(turned, np.random.default_rng(5)).pairs)
+def test_two_looks_that_agree_determine_the_new_state(measured_with, turned):
+    _, used, standing = measured_with
+    config, _, first = turned
     assert first.is_off and first.turned and not first.confirmed
-    second = rig_state(used, simulate(turned, np.random.default_rng(6)).pairs,
+    second = rig_state(used, simulate(config, np.random.default_rng(6)).pairs,
                        suspected=first.stance)
     assert second.confirmed
     # speeds with the found pose are right; those with the site's are wrong by tenths
-    seen_by = used.rig.drifted(np.radians(turned.rig_moved_deg))
+    seen_by = used.rig.drifted(np.radians(config.rig_moved_deg))
     true = {name: Setup(lane.path, seen_by) for name, lane in used.lanes.items()}
     for stance, most in ((second.stance, 0.01), (used, None)):
         errors = [abs(speed_error(true[name], Setup(stance.lanes[name].path, stance.rig)))
