@@ -28,11 +28,11 @@ from .starting import Starter, StartTracker
 from .time_doubt import TimeDoubt
 from .track import holds, Track, with_unnoticed
 from .turns import share_of, solve_interval_s, take_turns
-from ..core.config import TrackerConfig
 from ..core.errors import InputError
 from ..core.passes import PassResult, Reason
 from ..core.records import InitialFront, StereoPair, TrackState, TrackUpdate
 from ..core.stamp_watch import StampWatch
+from ..core.tracker_config import TrackerConfig
 from ..detection.protocol import Detection, Detector
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath

@@ -15,9 +15,9 @@ from .search import Search
 from .track import holds, start_of, Track, with_stamps
 from .turns import share_of
 from ..classification.size import VehicleSize
-from ..core.config import TrackerConfig
 from ..core.records import Array, InitialFront, RigMotion, StereoPair
 from ..core.trace import PassTrace, TraceBuilder
+from ..core.tracker_config import TrackerConfig
 from ..detection.front_width import FrontWidth
 from ..detection.protocol import Detection
 from ..geometry.rig import StereoRig

@@ -8,9 +8,9 @@ import math
 from typing import Optional
 
 from .track import is_sure, Track
-from ..core.config import TrackerConfig
 from ..core.records import TrackUpdate
 from ..core.stamp_watch import StampWatch
+from ..core.tracker_config import TrackerConfig
 from ..steadying.view_lag import ViewLag
 
 _ARRIVAL_S = 0.01  # stamps set on arrival are off by a few ms; more means irregular exposures

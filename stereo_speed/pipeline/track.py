@@ -13,10 +13,10 @@ import numpy as np
 
 from .solving import Said, Turn
 from ..classification.size import VehicleSize
-from ..core.config import TrackerConfig, VisibilityConfig
 from ..core.passes import TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..core.trace import PassTrace, TraceBuilder
+from ..core.tracker_config import TrackerConfig, VisibilityConfig
 from ..detection.protocol import Detection
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath

@@ -28,9 +28,10 @@ from .pass_result import calibration_share, conclude, live_std, Pass
 from .posterior import gone_on, Posterior, walks
 from .protocol import MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, TrackStart
 from .window import PhotometricWindow
-from ..core.config import NoParameters, TrackerConfig
+from ..core.config import NoParameters
 from ..core.passes import PassResult, TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.tracker_config import TrackerConfig
 from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
 from ..estimation.weights import (

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.compiled import kernel
-from ..core.config import TrackerConfig
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 from ..estimation.gaussian import NormalEquations
 
 Indices = NDArray[np.intp]

@@ -15,9 +15,9 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .posterior import Posterior, SolvedPass
-from ..core.config import TrackerConfig
 from ..core.passes import PassResult, Reason, SpeedBudget, time_shares, TrackEnd, Verdict
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 

@@ -34,9 +34,9 @@ from .photometry import Equations, PassPhotometry, Photometry, views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_variances, node_weights
 from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
-from ..core.config import TrackerConfig
 from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
+from ..core.tracker_config import TrackerConfig
 from ..estimation.weights import normalise_log_weights
 
 _FAR_PX = 0.5  # iterations go on while observations move further than this

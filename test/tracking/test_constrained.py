@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from stereo_speed.core.config import (
-    EffortConfig, NoParameters, parameters_of, TrackerConfig, VisibilityConfig)
+from stereo_speed.core.config import NoParameters, parameters_of
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import TrackEnd, Verdict
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.tracker_config import EffortConfig, TrackerConfig, VisibilityConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.sim.config import straight_config
 from stereo_speed.lab.sim.sequence import simulate

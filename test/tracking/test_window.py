@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from scipy import stats
-from stereo_speed.core.config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.motion_prior import PassPrior
 from stereo_speed.tracking.observation import ObservationSampler
