@@ -37,7 +37,7 @@ class TimeDoubt:
         uneven_s = self.stamps.unevenness_s(config.uneven_stamp_sigmas * config.stamp_std_s)
         return None if uneven_s is None else min(uneven_s, max(_ARRIVAL_S, config.stamp_std_s))
 
-    def told(self, update: TrackUpdate, track: Track) -> TrackUpdate:
+    def widened(self, update: TrackUpdate, track: Track) -> TrackUpdate:
         """
         Return a track's update with the uncertainty of its times in its 1-sigma.
 

@@ -194,7 +194,7 @@ class ConstrainedTracker:
             return None
         if _coasts(last):
             moments = self.cloud.ahead(pair.stamp_ns, self.config, self._lateral_mps())
-            return None if self._is_out_of_view(pair, moments[0]) else self._said(
+            return None if self._is_out_of_view(pair, moments[0]) else self._update_of(
                 pair, TrackState.COASTING, moments)
         if len(posterior.stamps_s) < 2:
             return None
@@ -202,17 +202,18 @@ class ConstrainedTracker:
         moments = posterior.ahead(after_s, self.config)
         if not self.window.shows(pair, moments[0]):
             return None
-        update = self._said(pair, last.state, moments)
+        update = self._update_of(pair, last.state, moments)
         return update if after_s <= OLD_S else update.unconfirmed()
 
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, or why there is none."""
         solved = self.window.solve_pass() if self.life.stamps_ns else None
         stamps_ns = [ns for ns in self.life.stamps_ns if solved and ns not in solved.occluded_ns]
-        found = Pass(track=self.track, lane=self.lane, stamps_ns=stamps_ns or [self.life.first_ns],
-                     solved=solved, extent_px=self.life.extent_px,
-                     end=self.life.end or TrackEnd.STREAM_ENDED)
-        return conclude(found, self.rig, self.config)
+        followed = Pass(track=self.track, lane=self.lane,
+                        stamps_ns=stamps_ns or [self.life.first_ns],
+                        solved=solved, extent_px=self.life.extent_px,
+                        end=self.life.end or TrackEnd.STREAM_ENDED)
+        return conclude(followed, self.rig, self.config)
 
     def _carried(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
@@ -342,12 +343,12 @@ class ConstrainedTracker:
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:
-        """Return the update of the newest pair and keep it; arguments as for ``_said``."""
-        self._reported = self._said(pair, state, moments)
+        """Return the update of the newest pair and keep it; arguments as for ``_update_of``."""
+        self._reported = self._update_of(pair, state, moments)
         return self._reported
 
-    def _said(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
-              ) -> TrackUpdate:
+    def _update_of(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
+                   ) -> TrackUpdate:
         """
         Return the update of a pair.
 

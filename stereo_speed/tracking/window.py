@@ -426,10 +426,10 @@ def _shifts_px(window: Window, rates: Array, heading: Array) -> Array:
         np.stack([states[:, 3], rates])
         - np.transpose([o.velocity_mps[:2] for o in observations])))
     per_m = np.array([o.shift_px for o in observations])  # (n, 2, 3)
-    return np.maximum(np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
-                      per_m[..., 0].max(axis=1) * (
-                          _HALF_WIDTH_M * turned + reshaped + between_m[0])
-                      + per_m[:, 1, 1] * between_m[1])
+    return np.asarray(np.maximum(
+        np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
+        per_m[..., 0].max(axis=1) * (_HALF_WIDTH_M * turned + reshaped + between_m[0])
+        + per_m[:, 1, 1] * between_m[1]))
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:
