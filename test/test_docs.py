@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 from stereo_speed.cli.main import build_parser, COMMANDS
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.passes import PassResult, Reason, Verdict
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.geometry import distortion
 from stereo_speed.io import results

@@ -11,7 +11,7 @@ import textwrap
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from stereo_speed.core.config import TrackerConfig  # noqa: E402
+from stereo_speed.core.tracker_config import TrackerConfig  # noqa: E402
 from stereo_speed.enforcement.config import EnforcementConfig  # noqa: E402
 from stereo_speed.monocular.config import MonocularConfig  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402

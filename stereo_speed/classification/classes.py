@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Optional
 
-from ..core.config import ClassConfig
 from ..core.passes import VehicleClass, VehicleKind
+from ..core.tracker_config import ClassConfig
 
 _SQRT_2 = math.sqrt(2.0)
 

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .classes import classified
-from ..core.config import ClassConfig
 from ..core.passes import VehicleKind
 from ..core.records import Array, StereoPair, TrackUpdate
+from ..core.tracker_config import ClassConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc

@@ -17,8 +17,9 @@ import tempfile
 from typing import Any, Mapping, Optional
 
 from .fingerprint import canonical, sha256, software_fingerprint
-from ..core.config import record_of, TrackerConfig
+from ..core.config import record_of
 from ..core.errors import InputError
+from ..core.tracker_config import TrackerConfig
 from ..io.results import software_versions
 from ..io.trace_json import rig_of, rig_record
 from ..pipeline.assembly import MeasuringSite

@@ -10,16 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .decoding import decode_image
+from .encodings import compressed_mosaic, Encoding, WITH_COLOUR
 from .images import grey_from_message, pixel_rows
 from ..core.errors import BagError
 
 Colour = NDArray[np.uint8]
-CHANNELS = {'bgr8': 3, 'rgb8': 3, 'bgra8': 4, 'rgba8': 4}
-# OpenCV names a Bayer pattern from its second row and column, ROS from its first.
-BAYER = {'bayer_rggb8': cv2.COLOR_BayerBG2BGR, 'bayer_bggr8': cv2.COLOR_BayerRG2BGR,
-         'bayer_gbrg8': cv2.COLOR_BayerGR2BGR, 'bayer_grbg8': cv2.COLOR_BayerGB2BGR}
-_TO_BGR = {'bgr8': None, 'rgb8': cv2.COLOR_RGB2BGR, 'bgra8': cv2.COLOR_BGRA2BGR,
-           'rgba8': cv2.COLOR_RGBA2BGR, **BAYER}
 
 
 def bgr_from_message(msg: Any, where: object) -> Colour:
@@ -33,18 +28,18 @@ def bgr_from_message(msg: Any, where: object) -> Colour:
     """
     grey = grey_from_message(msg, where)  # checks the message
     if hasattr(msg, 'encoding'):
-        encoding = str(msg.encoding).lower()
-        if encoding in _TO_BGR:
+        encoding = WITH_COLOUR.get(str(msg.encoding).lower())
+        if encoding is not None:
             return _raw(msg, encoding, where)
     else:
-        encoding = str(msg.format).partition(';')[0].strip().lower()
         image, why = decode_image(np.frombuffer(msg.data, np.uint8),
                                   cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise BagError(where, 'compressed image', why, 'a whole JPEG or PNG image')
-        if encoding not in BAYER:
+        mosaic = compressed_mosaic(msg)
+        if mosaic is None or mosaic.to_bgr is None:
             return np.asarray(image, dtype=np.uint8)
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., 0]), BAYER[encoding]),
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., 0]), mosaic.to_bgr),
                           dtype=np.uint8)
     return bgr_of_grey(grey)
 
@@ -55,9 +50,9 @@ def bgr_of_grey(grey: NDArray[Any]) -> Colour:
     return np.asarray(cv2.cvtColor(eight, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
-def _raw(msg: Any, encoding: str, where: object) -> Colour:
+def _raw(msg: Any, encoding: Encoding, where: object) -> Colour:
     """Return the pixels of a raw message."""
-    channels, code = CHANNELS.get(encoding, 1), _TO_BGR[encoding]
+    channels, code = encoding.channels, encoding.to_bgr
     pixels = pixel_rows(msg, channels, where)
     if channels > 1:
         pixels = pixels.reshape(len(pixels), -1, channels)

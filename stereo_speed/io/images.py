@@ -15,22 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .decoding import decode_image
+from .encodings import compressed_mosaic, ENCODINGS, WITH_COLOUR
 from ..core.errors import BagError
 
-# OpenCV names a Bayer pattern from its second row and column, ROS from its first.
-_BAYER = {
-    'bayer_rggb8': cv2.COLOR_BayerBG2GRAY,
-    'bayer_bggr8': cv2.COLOR_BayerRG2GRAY,
-    'bayer_gbrg8': cv2.COLOR_BayerGR2GRAY,
-    'bayer_grbg8': cv2.COLOR_BayerGB2GRAY,
-}
-_COLOUR = {
-    'bgr8': (3, cv2.COLOR_BGR2GRAY),
-    'rgb8': (3, cv2.COLOR_RGB2GRAY),
-    'bgra8': (4, cv2.COLOR_BGRA2GRAY),
-    'rgba8': (4, cv2.COLOR_RGBA2GRAY),
-}
-ENCODINGS = ('mono8', 'mono16', *_COLOUR, *_BAYER)
 # The pixels as stored: no rotation by EXIF, and 16 bits stay 16 bits.
 _GREY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _JPEG_START, _JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
@@ -55,14 +42,14 @@ def _from_raw(msg: Any, where: object) -> NDArray[Any]:
     encoding = str(msg.encoding).lower()
     if encoding not in ENCODINGS:
         raise BagError(where, 'encoding', repr(msg.encoding), 'one of ' + ', '.join(ENCODINGS))
-    channels, code = _COLOUR.get(encoding, (1, _BAYER.get(encoding)))
     if encoding == 'mono16':
         rows = pixel_rows(msg, 2, where).view('>u2' if msg.is_bigendian else '<u2')
         return rows.astype(np.uint16)
-    rows = pixel_rows(msg, channels, where)
-    if code is None:
-        return rows.copy()
-    return _converted(rows.reshape(*rows.shape[:1], -1, channels), code, where)
+    known = WITH_COLOUR.get(encoding)
+    if known is None:
+        return pixel_rows(msg, 1, where).copy()
+    rows = pixel_rows(msg, known.channels, where)
+    return _converted(rows.reshape(len(rows), -1, known.channels), known.to_grey, where)
 
 
 def pixel_rows(msg: Any, pixel_bytes: int, where: object) -> NDArray[np.uint8]:
@@ -95,16 +82,16 @@ def _converted(pixels: NDArray[Any], code: int, where: object) -> NDArray[Any]:
 def _from_compressed(msg: Any, where: object) -> NDArray[Any]:
     data = np.frombuffer(msg.data, dtype=np.uint8)
     _check_complete(data, where)
-    bayer = _BAYER.get(str(msg.format).partition(';')[0].strip().lower())
+    mosaic = compressed_mosaic(msg)
     # A Bayer mosaic may be compressed as it is: then one channel holds three colours.
-    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION if bayer is not None else _GREY
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION if mosaic is not None else _GREY
     image, why = decode_image(data, flags)
     if image is None:
         raise BagError(where, 'compressed image', why, 'a whole JPEG or PNG image')
-    if bayer is None:
+    if mosaic is None:
         return image
     if image.ndim == 2:
-        return _converted(image, bayer, where)
+        return _converted(image, mosaic.to_grey, where)
     code = cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
     return _converted(image, code, where)
 

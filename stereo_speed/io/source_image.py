@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .colour import bgr_from_message, bgr_of_grey, CHANNELS
+from .colour import bgr_from_message, bgr_of_grey
+from .encodings import COLOUR
 from .images import grey_from_message, pixel_rows
 from ..core.errors import BagError
 from ..vision.grey import to_eight_bits
@@ -100,12 +101,12 @@ class SourceImage:
 
     def _pixels(self, where: object) -> NDArray[Any]:
         """Return the pixels of a raw image, (H, W) or (H, W, 3 or 4), blue first."""
-        channels = CHANNELS.get(self.encoding)
-        if channels is None:  # one value per pixel: grey, or an unchanged Bayer mosaic
+        known = COLOUR.get(self.encoding)
+        if known is None:  # one value per pixel: grey, or an unchanged Bayer mosaic
             plain = 'mono16' if self.encoding == 'mono16' else 'mono8'
             return replace(self, encoding=plain).grey(where)
-        rows = pixel_rows(self._message(), channels, where)
-        pixels = rows.reshape(self.height_px, self.width_px, channels)
+        rows = pixel_rows(self._message(), known.channels, where)
+        pixels = rows.reshape(self.height_px, self.width_px, known.channels)
         code = _TO_BGR.get(self.encoding)
         return pixels if code is None else np.asarray(cv2.cvtColor(pixels, code))
 

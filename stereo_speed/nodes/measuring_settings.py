@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from rclpy.node import Node
 
 from .common import Parameters
-from ..core.config import ConfigRecord, TrackerConfig
+from ..core.config import ConfigRecord
+from ..core.tracker_config import TrackerConfig
 from ..pipeline.config import PipelineConfig, SiteConfig
 from ..pipeline.registry import DETECTORS, TRACKERS
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Mapping, Optional, Union
 
 from .registry import DETECTORS, Registry, TRACKERS
-from ..core.config import (
-    ConfigRecord, read_yaml_mapping, record_of, section, TrackerConfig)
+from ..core.config import ConfigRecord, read_yaml_mapping, record_of, section
 from ..core.errors import InputError
+from ..core.tracker_config import TrackerConfig
 from ..road.problem import RoadPrior
 from ..site.refine.config import RefineConfig
 from ..steadying.config import SteadyingConfig

@@ -7,8 +7,8 @@ import math
 from typing import Optional
 
 from .track import holds, is_sure, Track
-from ..core.config import TrackerConfig
 from ..core.records import StereoPair, TrackState, TrackUpdate
+from ..core.tracker_config import TrackerConfig
 from ..detection.protocol import Detection
 
 

@@ -121,8 +121,8 @@ class OpenWork:
         for track in [*self._roster.tracks, *self._doubles]:
             turn = track.turn
             if turn is not None and (
-                    turn.pair.stamp_ns < wait_before_ns or turn.said.done()):
-                self._worker.wait(turn.said)
+                    turn.pair.stamp_ns < wait_before_ns or turn.fed.done()):
+                self._worker.wait(turn.fed)
                 self._take_turn(track, turn, errors)
         ended = [track for track in self._doubles if track.turn is None]
         self._doubles = [track for track in self._doubles if track.turn is not None]
@@ -142,7 +142,7 @@ class OpenWork:
     def drop(self) -> None:
         """Drop all open work."""
         self.drop_beginnings()
-        self._give_up(track.turn.said for track in [*self._roster.tracks, *self._doubles]
+        self._give_up(track.turn.fed for track in [*self._roster.tracks, *self._doubles]
                       if track.turn is not None)
         self._doubles = []
 
@@ -180,28 +180,28 @@ class OpenWork:
         """Take in a track's updates for the pairs of its finished turn."""
         track.turn, roster = None, self._roster
         try:
-            said = turn.said.result()
+            fed = turn.fed.result()
         except Exception as error:
             if track in roster.tracks:
                 roster.tracks.remove(track)
             errors.append(error)
             return
-        told = dict(turn.expected)
-        for pair, update in said:
+        reported = dict(turn.expected)
+        for pair, update in fed:
             self._intake.take(
                 track, pair, turn.particles if pair is turn.pair else None, update)
             track.trace.add_others(pair.stamp_ns, turn.others.get(pair.stamp_ns, ()))
             if update is not None:
-                told[pair.stamp_ns] = update
+                reported[pair.stamp_ns] = update
         if turn.stamp_std_s is not None:
             track.see_stamps(turn.stamp_std_s)
         for other in roster.tracks:
-            for stamp_ns, update in told.items():
+            for stamp_ns, update in reported.items():
                 if other is not track:
                     other.add_others(stamp_ns, [update])
         if track in roster.tracks and not (
                 track.confirmed or track.detection is None or track.ended
-                or all(holds(update) for _, update in said)):
+                or all(holds(update) for _, update in fed)):
             roster.tracks.remove(track)  # as any unconfirmed track that misses a pair
 
     def _take_beginning(self, one: _Beginning, errors: list[Exception]) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from .track import Track
 from ..classification.classes import is_edge
-from ..core.config import TrackerConfig
 from ..core.passes import Direction, PassResult, Reason, Verdict
+from ..core.tracker_config import TrackerConfig
 from ..road.lanes import LanePath
 from ..second.estimate import with_second
 from ..steadying.doubt import SpeedDoubt

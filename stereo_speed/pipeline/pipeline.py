@@ -28,11 +28,11 @@ from .starting import Starter, StartTracker
 from .time_doubt import TimeDoubt
 from .track import holds, Track, with_unnoticed
 from .turns import share_of, solve_interval_s, take_turns
-from ..core.config import TrackerConfig
 from ..core.errors import InputError
 from ..core.passes import PassResult, Reason
 from ..core.records import InitialFront, StereoPair, TrackState, TrackUpdate
 from ..core.stamp_watch import StampWatch
+from ..core.tracker_config import TrackerConfig
 from ..detection.protocol import Detection, Detector
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -66,6 +66,21 @@ class Step:
 
     updates: list[TrackUpdate]
     passes: list[PassResult]
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """
+    How a pair is processed.
+
+    :param hurried: whether other pairs are waiting.
+    :param dense: whether pairs come faster than vehicles are solved for.
+    :param beside: whether vehicles are solved for in the thread beside the pairs.
+    """
+
+    hurried: bool
+    dense: bool
+    beside: bool
 
 
 @dataclass
@@ -149,10 +164,7 @@ class SpeedPipeline:
             for new vehicles; the returned step contains them too.
         :raises InputError: the stamp is not later than that of the last pair.
         """
-        last_ns, roster = self._state.last_ns, self._roster
-        if last_ns is not None and pair.stamp_ns <= last_ns:
-            raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
-                             f'later than {last_ns}')
+        self._check_order(pair)
         self._take_open(pair.stamp_ns - _SOLVED_S * 1e9)
         dense = self._is_dense(pair.stamp_ns)
         pair = self._in_time(pair)
@@ -162,38 +174,61 @@ class SpeedPipeline:
         if self.steadier is not None:
             pair = self.steadier.steady(pair)
         self._start_annotated(pair)
-        answered = not beside or self._search.is_ready(pair.stamp_ns)
-        searches = answered and self._search.is_due(pair.stamp_ns, hurried=hurried)
-        if searches and not dense:
-            self._search.expect(pair, roster.tracks)
-        particles = self._share_out(pair, hurried=hurried, dense=dense, beside=beside)
+        updates = self._updates(pair, _Pace(hurried, dense, beside), readings)
+        updates = self._with_lag(pair, updates)
+        self._tell_others(pair, updates)
+        self._collect(everything=False)
+        published = self._widened(updates)
+        self._rule_out_restarts(published)
+        return Step(published, self.concluded())
+
+    def _updates(self, pair: StereoPair, pace: _Pace, readings: TellReadings
+                 ) -> list[TrackUpdate]:
+        """
+        Follow the vehicles into a pair and search for new ones; return the tracks' updates for it.
+
+        :param readings: as for :meth:`process`.
+        """
+        search = self._search
+        answered = not pace.beside or search.is_ready(pair.stamp_ns)
+        searches = answered and search.is_due(pair.stamp_ns, hurried=pace.hurried)
+        if searches and not pace.dense:
+            search.expect(pair, self._roster.tracks)
+        particles = self._share_out(pair, pace)
         self._see_drift()
         if self.view_lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
-        follow = self._followed_beside if beside else self._followed
+        follow = self._followed_beside if pace.beside else self._followed
         updates = follow(pair, particles, readings)
         # In a hurried pair, detections are left for a later one.
-        takes = answered and (searches or not hurried)
-        found = self._take_answer(pair, beside=beside) if takes else []
-        self._search.see_gone(pair, roster.tracks)
-        if searches and dense:
-            self._search.begin(
-                pair, roster.tracks, [u for u in [*updates, *found] if u is not None],
-                self._open.beginnings)
+        takes = answered and (searches or not pace.hurried)
+        new = self._take_answer(pair, beside=pace.beside) if takes else []
+        search.see_gone(pair, self._roster.tracks)
+        if searches and pace.dense:
+            search.begin(pair, self._roster.tracks, _known([*updates, *new]),
+                         self._open.beginnings)
         elif searches:
-            found += self._detect(pair)
-        if found:
+            new += self._detect(pair)
+        if new:
             self._see_drift()
-        seen = [u for u in [*updates, *found] if u is not None]
+        return _known([*updates, *new])
+
+    def _with_lag(self, pair: StereoPair, updates: list[TrackUpdate]) -> list[TrackUpdate]:
+        """
+        Estimate the time between the views from the tracks' updates for a pair.
+
+        :return: the updates, those of restarted tracks replaced where the correction of right
+            stamps has changed.
+        """
         changes_s = self.view_lag.changes_s
-        self.view_lag.observe(pair, seen)
-        if self.view_lag.changes_s > changes_s:
-            seen = self._restart(seen)
-        self._tell_others(pair, seen)
-        self._collect(everything=False)
-        told = self._told(seen)
-        self._rule_out_restarts(told)
-        return Step(told, self.concluded())
+        self.view_lag.observe(pair, updates)
+        return self._restart(updates) if self.view_lag.changes_s > changes_s else updates
+
+    def _check_order(self, pair: StereoPair) -> None:
+        last_ns = self._state.last_ns
+        if last_ns is not None and pair.stamp_ns <= last_ns:
+            raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
+                             f'later than {last_ns}')
 
     def _in_time(self, pair: StereoPair) -> StereoPair:
         """
@@ -230,7 +265,7 @@ class SpeedPipeline:
             if track.tracker.track in readings:
                 track.restart_pairs = None
 
-    def _share_out(self, pair: StereoPair, *, hurried: bool, dense: bool, beside: bool) -> int:
+    def _share_out(self, pair: StereoPair, pace: _Pace) -> int:
         """
         Tell tracks whether they may solve for a pair, and how many particles they have.
 
@@ -239,17 +274,14 @@ class SpeedPipeline:
         thread anyway, and delaying them would only make the predictions older.
 
         :param pair: the pair that they are to be fed next.
-        :param hurried: whether other pairs are waiting.
-        :param dense: whether pairs come faster than vehicles are solved for.
-        :param beside: whether vehicles are solved for in the thread beside the pairs.
         :return: number of particles of each track.
         """
         tracks = self._roster.tracks
         free = [track for track in tracks if track.turn is None]
-        take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=hurried,
-                   dense=dense and not beside)
+        take_turns(free, pair.stamp_ns, self._solve_interval_s(), hurried=pace.hurried,
+                   dense=pace.dense and not pace.beside)
         particles = share_of(
-            self.config, 1 if beside and not hurried else max(len(tracks), 1))
+            self.config, 1 if pace.beside and not pace.hurried else max(len(tracks), 1))
         for track in free:
             if isinstance(track.tracker, SharesParticles):
                 track.tracker.share(particles)
@@ -261,9 +293,9 @@ class SpeedPipeline:
 
         Updates of a track that is still being solved for are added when its turn is over.
         """
-        unsaid = {t.tracker.track for t in self._roster.tracks if t.turn is not None}
+        solving = {t.tracker.track for t in self._roster.tracks if t.turn is not None}
         for track in self._roster.tracks:
-            track.add_others(pair.stamp_ns, [u for u in seen if u.track not in unsaid])
+            track.add_others(pair.stamp_ns, [u for u in seen if u.track not in solving])
 
     def _followed(self, pair: StereoPair, particles: int, readings: TellReadings
                   ) -> list[Optional[TrackUpdate]]:
@@ -286,10 +318,11 @@ class SpeedPipeline:
             early = [u for u in self._readings(updates.values()) if self._roster.is_apart(u)]
             readings(early)
         updates.update((t, feed(t, pair, particles)) for t in tracks if t not in updates)
-        told = {u.track for u in early}
+        published = {u.track for u in early}
         self._roster.drop_missing()
-        self._drop_doubles(pair.stamp_ns, told)
-        readings(self._readings(updates[t] for t in tracks if t.tracker.track not in told))
+        self._drop_doubles(pair.stamp_ns, published)
+        readings(self._readings(
+            updates[t] for t in tracks if t.tracker.track not in published))
         return [updates[t] for t in tracks]
 
     def _followed_beside(self, pair: StereoPair, particles: int, readings: TellReadings
@@ -321,7 +354,7 @@ class SpeedPipeline:
     def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
         """Return the updates that are readings, of tracks that have not ended."""
         going_on = {t.tracker.track for t in self._roster.tracks if not t.ended}
-        return [u for u in self._told(updates)
+        return [u for u in self._widened(updates)
                 if u.state is TrackState.CONFIRMED and u.track in going_on]
 
     def _see_stamps(self) -> None:
@@ -343,16 +376,16 @@ class SpeedPipeline:
             for track in self._roster.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
 
-    def _told(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
+    def _widened(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
         """Return the updates of existing tracks, with the uncertainty of times and rig added."""
         tracks = {track.tracker.track: track for track in self._roster.tracks}
         times = self._times
-        told = [times.told(u, tracks[u.track])
-                for u in updates if u is not None and u.track in tracks]
+        widened = [times.widened(u, tracks[u.track])
+                   for u in updates if u is not None and u.track in tracks]
         if self.steadier is not None:
-            told = [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
-                    for u in told]
-        return [with_unnoticed(u, self.config.visibility) for u in told]
+            widened = [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
+                       for u in widened]
+        return [with_unnoticed(u, self.config.visibility) for u in widened]
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
         """
@@ -509,13 +542,13 @@ class SpeedPipeline:
                 begun.append(one)
         return begun
 
-    def _drop_doubles(self, stamp_ns: int, told: Container[int] = ()) -> None:
+    def _drop_doubles(self, stamp_ns: int, published: Container[int] = ()) -> None:
         """
         End one of two tracks that hold the same vehicle, once its turn is over.
 
         The parameters are those of :meth:`.roster.Roster.drop_doubles`.
         """
-        for track in self._roster.drop_doubles(stamp_ns, told):
+        for track in self._roster.drop_doubles(stamp_ns, published):
             if track.turn is not None:
                 self._open.end_later(track)
             else:
@@ -560,6 +593,11 @@ class SpeedPipeline:
             PassEnd(
                 track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
             partial(self._concluding.discard, track.tracker.track))
+
+
+def _known(updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
+    """Return the updates of the tracks that have one."""
+    return [update for update in updates if update is not None]
 
 
 def _raised(error: Exception) -> PassResult:

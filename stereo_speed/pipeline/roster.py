@@ -31,10 +31,10 @@ class Roster:
 
     def introduce(self, search: Search, begun: Sequence[Begun]) -> None:
         """Add new tracks' updates for the pair of a search to all traces, and others to theirs."""
-        new, found = [track for track, _ in begun], [update for _, update in begun]
+        new, updates = [track for track, _ in begun], [update for _, update in begun]
         for track in self.tracks:
             track.add_others(
-                search.pair.stamp_ns, [*search.seen, *found] if track in new else found)
+                search.pair.stamp_ns, [*search.seen, *updates] if track in new else updates)
 
     def is_apart(self, update: TrackUpdate) -> bool:
         """Return whether no other track, predicted to now, can hold the same vehicle."""
@@ -50,21 +50,21 @@ class Roster:
             t for t in self.tracks if t.confirmed or t.detection is None
             or t.ended or holds(t.last) or t.turn is not None]
 
-    def drop_doubles(self, stamp_ns: int, told: Container[int] = ()) -> list[Track]:
+    def drop_doubles(self, stamp_ns: int, published: Container[int] = ()) -> list[Track]:
         """
         End one of two tracks that hold the same vehicle.
 
         The one that does not see the vehicle ends, or the younger one if both see it.
 
         :param stamp_ns: stamp of the current pair.
-        :param told: numbers of tracks whose readings of this pair are published already; they
-            stay.
+        :param published: numbers of tracks whose readings of this pair are published already;
+            they stay.
         :return: the ended tracks that were confirmed.
         """
         held: list[Array] = []
         ended: list[Track] = []
-        for track in sorted(self.tracks, key=lambda t: (t.tracker.track not in told,
-                                                        not holds(t.last))):
+        for track in sorted(self.tracks, key=lambda t: (
+                t.tracker.track not in published, not holds(t.last))):
             if track.last is None or track.ended:
                 continue
             at_m = place_m(track.last, stamp_ns)

@@ -9,8 +9,8 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .track import ahead_m, holds, Track
-from ..core.config import AssociationConfig
 from ..core.records import Array, StereoPair, TrackUpdate
+from ..core.tracker_config import AssociationConfig
 from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
 

@@ -19,7 +19,7 @@ from ..core.records import StereoPair, TrackUpdate
 from ..core.right_of_way import RightOfWay
 
 T = TypeVar('T')
-Said = list[tuple[StereoPair, Optional[TrackUpdate]]]
+Fed = list[tuple[StereoPair, Optional[TrackUpdate]]]  # pairs, each with the track's update
 
 _MOST_PASSED_OVER = 3  # urgent tasks in a row while others wait
 _MOST_LATER = 8  # pairs kept during a turn; a solution that takes longer is late
@@ -33,7 +33,7 @@ class Turn:
     :param pair: the pair that it solves for.
     :param particles: number of particles that its tracker was told to use.
     :param later: pairs that came since; the track is fed them afterwards if they need no solution.
-    :param said: the pairs that it was fed, each with its update, once the turn is over.
+    :param fed: the pairs that it was fed, each with its update, once the turn is over.
     :param expected: stamp of a pair to the predicted update that was given for it.
     :param others: stamp of a pair to the updates of other tracks for it.
     :param stamp_std_s: larger 1-sigma of the stamps found during the turn, s; None if there is
@@ -43,7 +43,7 @@ class Turn:
     pair: StereoPair
     particles: int
     later: deque[StereoPair]
-    said: Future[Said]
+    fed: Future[Fed]
     expected: dict[int, TrackUpdate] = field(default_factory=dict)
     others: dict[int, list[TrackUpdate]] = field(default_factory=dict)
     stamp_std_s: Optional[float] = None

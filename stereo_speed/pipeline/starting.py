@@ -15,9 +15,9 @@ from .search import Search
 from .track import holds, start_of, Track, with_stamps
 from .turns import share_of
 from ..classification.size import VehicleSize
-from ..core.config import TrackerConfig
 from ..core.records import Array, InitialFront, RigMotion, StereoPair
 from ..core.trace import PassTrace, TraceBuilder
+from ..core.tracker_config import TrackerConfig
 from ..detection.front_width import FrontWidth
 from ..detection.protocol import Detection
 from ..geometry.rig import StereoRig
@@ -70,7 +70,7 @@ class Starter:
             raise track.error()
         return track
 
-    def new(self, search: Search, found: Sequence[Detection]) -> list[Detection]:
+    def new(self, search: Search, fronts: Sequence[Detection]) -> list[Detection]:
         """
         Return the fronts found in a pair at which new tracks are to start.
 
@@ -78,7 +78,7 @@ class Starter:
         new detection, it is compared with that from now on.
         """
         new = []
-        for front in found:
+        for front in fronts:
             doubted = self._doubted_at(front, search)
             if doubted is None:
                 new.append(front)

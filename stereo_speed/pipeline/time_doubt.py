@@ -8,9 +8,9 @@ import math
 from typing import Optional
 
 from .track import is_sure, Track
-from ..core.config import TrackerConfig
 from ..core.records import TrackUpdate
 from ..core.stamp_watch import StampWatch
+from ..core.tracker_config import TrackerConfig
 from ..steadying.view_lag import ViewLag
 
 _ARRIVAL_S = 0.01  # stamps set on arrival are off by a few ms; more means irregular exposures
@@ -37,7 +37,7 @@ class TimeDoubt:
         uneven_s = self.stamps.unevenness_s(config.uneven_stamp_sigmas * config.stamp_std_s)
         return None if uneven_s is None else min(uneven_s, max(_ARRIVAL_S, config.stamp_std_s))
 
-    def told(self, update: TrackUpdate, track: Track) -> TrackUpdate:
+    def widened(self, update: TrackUpdate, track: Track) -> TrackUpdate:
         """
         Return a track's update with the uncertainty of its times in its 1-sigma.
 

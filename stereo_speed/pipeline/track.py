@@ -11,12 +11,12 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .solving import Said, Turn
+from .solving import Fed, Turn
 from ..classification.size import VehicleSize
-from ..core.config import TrackerConfig, VisibilityConfig
 from ..core.passes import TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
 from ..core.trace import PassTrace, TraceBuilder
+from ..core.tracker_config import TrackerConfig, VisibilityConfig
 from ..detection.protocol import Detection
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -105,23 +105,23 @@ class Track:
                 self.second.take(pair, update.quad_left_px, update.quad_right_px)
         return update
 
-    def solve(self, pair: StereoPair, later: deque[StereoPair]) -> Said:
+    def solve(self, pair: StereoPair, later: deque[StereoPair]) -> Fed:
         """
         Have its tracker solve for a pair, then feed it the later pairs that need no solution.
 
         :return: the pairs that it was fed, each with its update.
         """
-        said = [(pair, self.feed(pair))]
+        fed = [(pair, self.feed(pair))]
         while later and isinstance(self.tracker, CarriesOn):
-            pair, last = later.popleft(), said[-1][1]
+            pair, last = later.popleft(), fed[-1][1]
             if last is not None and last.state is TrackState.COASTING:
-                said.append((pair, self.feed(pair)))  # cheap: most pairs are not searched for it
+                fed.append((pair, self.feed(pair)))  # cheap: most pairs are not searched for it
                 continue
             update = self.tracker.carry(pair)
             if update is None:
                 break
-            said.append((pair, self.gather(pair, update)))
-        return said
+            fed.append((pair, self.gather(pair, update)))
+        return fed
 
     def add_others(self, stamp_ns: int, updates: Sequence[TrackUpdate]) -> None:
         """Add the updates of other tracks for a pair to the trace."""
@@ -220,10 +220,10 @@ def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate
 
     Few drivers brake at any moment, but the 1-sigma must hold for this one.
     """
-    told = replace(update, speed_std_mps=math.hypot(
+    wider = replace(update, speed_std_mps=math.hypot(
         update.speed_std_mps, update.unnoticed_mps / limits.unnoticed_sigmas))
-    is_told = told.speed_std_mps <= limits.unnoticed_std_mps or is_sure(told, limits)
-    return told if is_told else told.unconfirmed()
+    enough = wider.speed_std_mps <= limits.unnoticed_std_mps or is_sure(wider, limits)
+    return wider if enough else wider.unconfirmed()
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:

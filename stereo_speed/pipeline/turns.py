@@ -11,7 +11,7 @@ import math
 from typing import Sequence
 
 from .track import holds, Track
-from ..core.config import TrackerConfig
+from ..core.tracker_config import TrackerConfig
 from ..tracking.protocol import CanHurry, MOST_TIMES, OCCLUDED_TIMES, OLD_S
 
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from .points import CornerFollower
 from .rigid import Places, places_of, Rays
 from .speed import speeds_at
-from ..core.config import SecondConfig, TrackerConfig
 from ..core.passes import PassResult, Reason, SecondEstimate, time_shares
 from ..core.records import Array, StereoPair
+from ..core.tracker_config import SecondConfig, TrackerConfig
 from ..core.units import seconds
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.config import SecondConfig
 from ..core.records import Array, StereoPair
+from ..core.tracker_config import SecondConfig
 from ..vision.grey import to_eight_bits
 
 Grey = NDArray[np.uint8]

@@ -26,8 +26,8 @@ from typing import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.config import SecondConfig
 from ..core.records import Array
+from ..core.tracker_config import SecondConfig
 from ..geometry.rig import StereoRig
 from ..road.path import Path
 

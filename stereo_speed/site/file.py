@@ -13,11 +13,11 @@ import numpy as np
 
 from .checks import crossing, out_of_order
 from .extras import KnownLength, read_correction, read_length, RigCorrection
-from ..core.config import check_tolerance, TOLERANCES
 from ..core.errors import SiteError
 from ..core.passes import VehicleClass
 from ..core.records import Array
 from ..core.strict_yaml import load_yaml, StrictMapping
+from ..core.tracker_config import check_tolerance, TOLERANCES
 from ..geometry.rig import StereoRig
 
 LEAST_ROAD_M = 5.0  # least length of a line; the direction of a shorter one is too uncertain

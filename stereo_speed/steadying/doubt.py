@@ -10,9 +10,9 @@ from typing import Mapping
 import numpy as np
 
 from .steadier import Steadier
-from ..core.config import TrackerConfig
 from ..core.passes import PassResult, Reason
 from ..core.records import Array, TrackUpdate
+from ..core.tracker_config import TrackerConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..road.scale import pass_scale_by_drift

@@ -12,82 +12,31 @@ far.  Depth and offsets thus stay unknowns of the pass instead of being fixed by
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from typing import Optional, Union
 
 import numpy as np
 
+from .cloud import Cloud, transport
 from .front import Front, rotated
 from .initialise import first_states, place_front, Placement
 from .life import extent_px, TrackLife
 from .likelihood import Reference, score
-from .motion_prior import PassPrior
+from .motion_prior import PassMotions, PassPrior
 from .observation import ObservationSampler
 from .pass_result import calibration_share, conclude, live_std, Pass
-from .posterior import gone_on, Posterior, walks
+from .posterior import Posterior
 from .protocol import MOST_TIMES, OCCLUDED_TIMES, OLD_S, Refusal, TrackStart
 from .window import PhotometricWindow
-from ..core.config import NoParameters, TrackerConfig
+from ..core.config import NoParameters
 from ..core.passes import PassResult, TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.tracker_config import TrackerConfig
 from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
-from ..estimation.weights import (
-    DegenerateWeightsError, mean_and_covariance, normalise_log_weights)
+from ..estimation.weights import DegenerateWeightsError
 from ..vision.haar import CELLS, PartGrid
-
-_JITTER = 1e-12  # keeps the covariance of equal particles positive definite
-_LANE_CHANGE_STRIDE = 4  # every fourth particle is predicted as if a lane change had begun
-_DISTINCT_PER_DIM = 3  # distinct particles per unknown below which the cloud has no shape
-
-
-@dataclass(frozen=True, eq=False)
-class _Cloud:
-    """
-    Weighted particles.
-
-    :param states: (N, 4) s, a, b in m and v in m/s.
-    :param log_weights: (N,) logarithms of their weights, up to a constant.
-    :param stamp_ns: stamp of the pair that they belong to.
-    """
-
-    states: Array
-    log_weights: Array
-    stamp_ns: int
-
-    @property
-    def weights(self) -> Array:
-        """Return the normalised weights of the particles, one each."""
-        return normalise_log_weights(self.log_weights)
-
-    @property
-    def mean(self) -> Array:
-        """Return the mean state (4,), eq. 3."""
-        return np.asarray(self.weights @ self.states)
-
-    def moments(self) -> tuple[Array, Array]:
-        """Return the mean (4,) and the covariance (4, 4)."""
-        return mean_and_covariance(self.weights, self.states)
-
-    def until_s(self, stamp_ns: int) -> float:
-        """Return the time until a stamp, s."""
-        return (stamp_ns - self.stamp_ns) * 1e-9
-
-    def ahead(self, stamp_ns: int, config: TrackerConfig, lateral_mps: float
-              ) -> tuple[Array, Array]:
-        """
-        Return the mean (4,) and the covariance (4, 4) predicted for a later pair (eq. 24-27).
-
-        :param stamp_ns: stamp of that pair.
-        :param config: rates of the random walks.
-        :param lateral_mps: rate at which the vehicle crosses its path.
-        """
-        dt_s, goes = max(self.until_s(stamp_ns), 0.0), np.eye(4)
-        goes[0, 3] = dt_s
-        noise = walks(dt_s, config.speed_rate_std, config, parts=4.0)
-        noise[1, 1] += config.manoeuvre_probability * begun_lane_change_m(dt_s, config) ** 2
-        return gone_on(self.moments(), goes, dt_s, lateral_mps, noise)
 
 
 class ConstrainedTracker:
@@ -123,10 +72,10 @@ class ConstrainedTracker:
             speed_std_mps=start.expected_std_mps,
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
         self.window = PhotometricWindow(
-            sampler, prior, self.config, start.nominal_stamp_std_s)
+            sampler, PassMotions.of(prior, self.config, start.nominal_stamp_std_s), self.config)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
-        self.cloud = _Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
-                            start.pair.stamp_ns)
+        self.cloud = Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
+                           start.pair.stamp_ns)
         self._particles_alone = start.particles_alone or self.config.particles
         self._hurried, self._in_vain = False, 0  # failed attempts to see an occluded vehicle
         self.posterior: Optional[Posterior] = None
@@ -245,7 +194,7 @@ class ConstrainedTracker:
             return None
         if _coasts(last):
             moments = self.cloud.ahead(pair.stamp_ns, self.config, self._lateral_mps())
-            return None if self._is_out_of_view(pair, moments[0]) else self._said(
+            return None if self._is_out_of_view(pair, moments[0]) else self._update_of(
                 pair, TrackState.COASTING, moments)
         if len(posterior.stamps_s) < 2:
             return None
@@ -253,17 +202,18 @@ class ConstrainedTracker:
         moments = posterior.ahead(after_s, self.config)
         if not self.window.shows(pair, moments[0]):
             return None
-        update = self._said(pair, last.state, moments)
+        update = self._update_of(pair, last.state, moments)
         return update if after_s <= OLD_S else update.unconfirmed()
 
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, or why there is none."""
         solved = self.window.solve_pass() if self.life.stamps_ns else None
         stamps_ns = [ns for ns in self.life.stamps_ns if solved and ns not in solved.occluded_ns]
-        found = Pass(track=self.track, lane=self.lane, stamps_ns=stamps_ns or [self.life.first_ns],
-                     solved=solved, extent_px=self.life.extent_px,
-                     end=self.life.end or TrackEnd.STREAM_ENDED)
-        return conclude(found, self.rig, self.config)
+        followed = Pass(track=self.track, lane=self.lane,
+                        stamps_ns=stamps_ns or [self.life.first_ns],
+                        solved=solved, extent_px=self.life.extent_px,
+                        end=self.life.end or TrackEnd.STREAM_ENDED)
+        return conclude(followed, self.rig, self.config)
 
     def _carried(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """
@@ -312,27 +262,12 @@ class ConstrainedTracker:
 
     # -- the filter's steps ---------------------------------------------------------------
 
-    def _predicted(self, stamp_ns: int) -> _Cloud:
-        """
-        Return the cloud moved along the path by a random-walk speed, with drift (eq. 24-27).
-
-        :param stamp_ns: stamp of the pair to predict to.
-        """
-        dt_s = self.cloud.until_s(stamp_ns)
-        if dt_s <= 0:
-            return replace(self.cloud, stamp_ns=stamp_ns)
-        c, root = self.config, np.sqrt(dt_s)
-        s, a, b, v = self.cloud.states.T
-        noise = self.rng.standard_normal((4, self.particles)) * root
-        v_next = v + c.speed_rate_std * noise[3]
-        across, log_ratios = lateral_steps(noise[1] / root, dt_s, c)
-        states = np.column_stack([
-            s + 0.5 * (v + v_next) * dt_s, a + self._lateral_mps() * dt_s + across,
-            b + c.drift_up_std_m * noise[2], v_next])
-        return _Cloud(states, self.cloud.log_weights + log_ratios, stamp_ns)
+    def _predicted(self, stamp_ns: int) -> Cloud:
+        """Return the cloud predicted to the pair of a stamp."""
+        return self.cloud.predicted(stamp_ns, self.config, self._lateral_mps(), self.rng)
 
     def _measured(self, pair: StereoPair, *, reacquires: bool
-                  ) -> Optional[tuple[_Cloud, Posterior]]:
+                  ) -> Optional[tuple[Cloud, Posterior]]:
         """
         Return the particles moved to the posterior of all images so far, and this posterior.
 
@@ -349,7 +284,7 @@ class ConstrainedTracker:
         states = transport(cloud.states, moments, posterior.at(-1), self.rng)
         return replace(cloud, states=states), posterior
 
-    def _weighed(self, pair: StereoPair) -> Optional[_Cloud]:
+    def _weighed(self, pair: StereoPair) -> Optional[Cloud]:
         """Return the cloud weighed by the images (eq. 2, 12) and resampled, where possible."""
         quads = self._quads(self.cloud.states, pair, pair.right_lag_s)
         scores = score(pair.left, pair.right, quads, self.reference, grid=self.grid,
@@ -408,12 +343,12 @@ class ConstrainedTracker:
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:
-        """Return the update of the newest pair and keep it; arguments as for ``_said``."""
-        self._reported = self._said(pair, state, moments)
+        """Return the update of the newest pair and keep it; arguments as for ``_update_of``."""
+        self._reported = self._update_of(pair, state, moments)
         return self._reported
 
-    def _said(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
-              ) -> TrackUpdate:
+    def _update_of(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
+                   ) -> TrackUpdate:
         """
         Return the update of a pair.
 
@@ -451,67 +386,3 @@ def may_follow(update: TrackUpdate, last: TrackUpdate, config: TrackerConfig) ->
         update.speed_std_mps, last.speed_std_mps)
     most = config.verdict.most_acceleration_mps2
     return sure <= most * (update.stamp_ns - last.stamp_ns) * 1e-9
-
-
-def begun_lane_change_m(dt_s: float, config: TrackerConfig) -> float:
-    """
-    Return the 1-sigma of the lateral displacement by a lane change that begins within a time, m.
-
-    :param dt_s: the time, s.
-    """
-    tau_s = config.manoeuvre_across_s
-    # The variance of the integral of an Ornstein-Uhlenbeck process is proportional to this time.
-    effective_s = dt_s + tau_s * math.expm1(-dt_s / tau_s)
-    return config.manoeuvre_across_std_m * math.sqrt(max(effective_s, 0.0))
-
-
-def lateral_steps(noise: Array, dt_s: float, config: TrackerConfig) -> tuple[Array, Array]:
-    """
-    Return random lateral displacements (N,) of particles, m, and log importance weights (N,).
-
-    Displacements are a mixture of drift (eq. 27) and, rarely, a lane change that has begun.  After
-    missing pairs it may have moved the vehicle by 1 m, where too few particles of that mixture
-    lie.  Therefore every fourth particle is drawn for a lane change, and weights correct for this.
-
-    :param noise: (N,) standard normal.
-    :param dt_s: time of the prediction, s.
-    """
-    drift_m = config.drift_across_std_m * math.sqrt(dt_s)
-    change_m = begun_lane_change_m(dt_s, config)
-    wide_m = math.hypot(drift_m, change_m)
-    probability, share = config.manoeuvre_probability, 1 / _LANE_CHANGE_STRIDE
-    if not (probability and change_m and drift_m):
-        return drift_m * noise, np.zeros(len(noise))
-    std_m = np.full(len(noise), drift_m)
-    std_m[::_LANE_CHANGE_STRIDE] = wide_m
-    across = std_m * noise
-    # Logarithm of the density for a lane change over that for drift alone.
-    log_wider = math.log(drift_m / wide_m) + 0.5 * np.square(across) * (
-        drift_m ** -2 - wide_m ** -2)
-    target, proposal = (np.logaddexp(math.log(1 - p), math.log(p) + log_wider)
-                        for p in (probability, share))
-    return across, target - proposal
-
-
-def transport(states: Array, moments: tuple[Array, Array], target: tuple[Array, Array],
-              rng: np.random.Generator) -> Array:
-    """
-    Return particles mapped affinely from one mean and covariance to another.
-
-    The map L_to L_from^-1 of the Cholesky factors keeps each particle's relative place, and so the
-    shape of the cloud.  Where resampling has left too few distinct particles to span the state,
-    new ones are drawn from the target.
-
-    :param states: (N, D).
-    :param moments: their mean (D,) and covariance (D, D).
-    :param target: mean (D,) and covariance (D, D) to map them to.
-    """
-    n, dim = states.shape
-    goal = np.linalg.cholesky(0.5 * (target[1] + target[1].T) + _JITTER * np.eye(dim))
-    try:
-        if len(np.unique(states[:, 0])) < _DISTINCT_PER_DIM * dim:
-            raise np.linalg.LinAlgError('too few distinct particles')
-        start = np.linalg.cholesky(moments[1] + _JITTER * np.eye(dim))
-    except np.linalg.LinAlgError:
-        return np.asarray(target[0] + rng.standard_normal((n, dim)) @ goal.T)
-    return np.asarray(target[0] + np.linalg.solve(start, (states - moments[0]).T).T @ goal.T)

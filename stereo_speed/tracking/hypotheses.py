@@ -16,8 +16,8 @@ import numpy as np
 from .motion_prior import motion_models, MotionModel, PassMotion, StateIndex, walk_rate
 from .onset import changes, Moments, Onsets, Unnoticed, unnoticed, with_onsets
 from .photometry import scatters_px
-from ..core.config import TrackerConfig
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 
 # Longest time for which braking may go unnoticed under a cruising hypothesis: at 6 m/s^2 a vehicle
 # is then 27 cm behind, several times the position error of one pair.  Longer braking is left to

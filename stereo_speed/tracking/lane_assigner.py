@@ -8,9 +8,9 @@ from typing import Mapping
 
 import numpy as np
 
-from ..core.config import VerdictConfig
 from ..core.passes import PassResult, Reason, Verdict
 from ..core.records import TrackUpdate
+from ..core.tracker_config import VerdictConfig
 from ..road.lanes import LanePath
 
 

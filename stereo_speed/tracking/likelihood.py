@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.config import TrackerConfig
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 from ..vision.haar import PartGrid
 from ..vision.ncc import ncc
 from ..vision.sampling import Patches, sample_quads

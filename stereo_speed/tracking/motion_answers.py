@@ -37,14 +37,15 @@ class Answers(NamedTuple):
 
 
 def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[MotionModel],
-            said: Sequence[int], H: Array, right: Array, *, covariances: bool = False) -> Answers:
+            scatters: Sequence[int], H: Array, right: Array, *, covariances: bool = False
+            ) -> Answers:
     """
     Return the answers of motion models to the equations of the images.
 
     :param motion: priors of a pass.
     :param times_s: (n,) stamps, s.
     :param state: (n, 4) s, a, b and speed to linearise at.
-    :param said: (m,) index of the equations of the images that each model is combined with.
+    :param scatters: (m,) index of the scatter of disparities, 0 to k - 1, that each model has.
     :param H: (k, 3 n, 3 n) information of the images about the poses, or (k, 4 n, 4 n) about the
         poses and then the speeds; one for each of k scatters of the disparities.
     :param right: (k, 3 n) or (k, 4 n) information times measurement.
@@ -54,17 +55,17 @@ def answers(motion: PassMotion, times_s: Array, state: Array, models: Sequence[M
     begun = motion.beginning(len(times_s))
     table = np.array([[np.nan if m.speed_rate_std is None else m.speed_rate_std,
                        m.changes_lanes, m.ride_std_m] for m in models])
-    held = np.array(said, dtype=np.int64)
     solve = _answers if right.shape[1] == 3 * len(times_s) else plain_answers
-    found = Answers(*solve(H, right, begun.H, begun.g, begun.log_rows, times_s, state, table,
-                           held, np.array(motion.processes), int(covariances)))
-    if not np.isfinite(found.log_evidence).all():
+    solved = Answers(*solve(
+        H, right, begun.H, begun.g, begun.log_rows, times_s, state, table,
+        np.array(scatters, dtype=np.int64), np.array(motion.processes), int(covariances)))
+    if not np.isfinite(solved.log_evidence).all():
         raise np.linalg.LinAlgError('information matrix not positive definite')
-    return found
+    return solved
 
 
 def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_rows: float,
-                  times_s: Array, state: Array, models: Array, said: NDArray[np.int64],
+                  times_s: Array, state: Array, models: Array, scatters: NDArray[np.int64],
                   processes: Array, covariances: int) -> tuple[Array, Array, Array]:
     """
     Return the answers, each from the normal equations of all unknowns.
@@ -78,7 +79,7 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
     :param state: (n, 4) s, a, b and speed to linearise at.
     :param models: (m, 3) random walk of the speed, NaN where that of the acceleration is used;
         whether lanes are changed; ride, m.
-    :param said: (m,) index of the H and right that each model is combined with.
+    :param scatters: (m,) index of the H and right that each model is combined with.
     :param processes: those of ``Processes``.
     :param covariances: whether to return covariances; else their array is empty.
     """
@@ -87,11 +88,11 @@ def plain_answers(H: Array, right: Array, begun: Array, begun_right: Array, log_
     steady = 4 * len(times_s) + 3
     kinds = [MotionModel(1.0, None if np.isnan(rate) else float(rate), bool(changes), float(ride))
              for rate, changes, ride in models]
-    found = [condition(prior, H[k], right[k], chain=True) for k, prior in zip(
-        said, normal_equations(start, Processes(*processes), times_s, state, kinds))]
-    return (np.array([one.log_evidence for one in found]),
-            np.array([one.mean[:steady] for one in found]),
-            np.array([one.covariance[:steady, :steady] for one in found]) if covariances
+    solved = [condition(prior, H[k], right[k], chain=True) for k, prior in zip(
+        scatters, normal_equations(start, Processes(*processes), times_s, state, kinds))]
+    return (np.array([one.log_evidence for one in solved]),
+            np.array([one.mean[:steady] for one in solved]),
+            np.array([one.covariance[:steady, :steady] for one in solved]) if covariances
             else np.zeros((0, 0, 0)))
 
 
@@ -311,7 +312,7 @@ def _above(times, ways, moves, ride, drift):  # type: ignore
 @kernel(plain_answers, '(f8[:,:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, f8[::1], f8[:,::1], '
         'f8[:,::1], i8[::1], f8[::1], i8)')
 def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # type: ignore
-             said, processes, covariances):
+             scatters, processes, covariances):
     n, count = len(times), len(models)
     stamp_std, jerk, first_acceleration = processes[0], processes[1], processes[2]
     drift, lane_std, lane_s = processes[3], processes[4], processes[5]
@@ -374,8 +375,8 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
         total = np.zeros((3 * n + 1, 3 * n + 1))
         for i in range(3 * n):
             for j in range(i + 1):
-                total[i, j] = H[said[m], i, j] + begun[i, j]
-            total[3 * n, i] = right[said[m], i] + begun_right[i]
+                total[i, j] = H[scatters[m], i, j] + begun[i, j]
+            total[3 * n, i] = right[scatters[m], i] + begun_right[i]
         log = log_rows
         for axis in range(3):
             part = parts[kinds[m, axis]]

@@ -16,15 +16,15 @@ with a rough ride.  The evidence of the images then decides between them.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.compiled import kernel
-from ..core.config import TrackerConfig
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 from ..estimation.gaussian import NormalEquations
 
 Indices = NDArray[np.intp]
@@ -221,6 +221,50 @@ class PassMotion:
                    max(self.config.crossfall_std, _LEAST_CROSSFALL))
         normal.row([at.speeds[0]], [1.0], p.speed_mps, p.speed_std_mps)
         return normal
+
+
+@dataclass(frozen=True, eq=False)
+class PassMotions:
+    """
+    The priors of a pass under three assumptions about its stamps.
+
+    :param assumed: with the 1-sigma assumed at present, which is larger while stamps are uneven.
+    :param nominal: with the 1-sigma of correct stamps.
+    :param exact: with stamps that have no error.
+    """
+
+    assumed: PassMotion
+    nominal: PassMotion
+    exact: PassMotion
+
+    @classmethod
+    def of(cls, prior: PassPrior, config: TrackerConfig,
+           nominal_std_s: Optional[float] = None) -> PassMotions:
+        """
+        Return the priors with the stamps of a configuration.
+
+        :param nominal_std_s: 1-sigma of correct stamps, s; None for that of ``config``.
+        """
+        assumed = PassMotion(prior, config, config.stamp_std_s)
+        nominal = assumed if nominal_std_s is None else PassMotion(prior, config, nominal_std_s)
+        return cls(assumed, nominal, PassMotion(prior, config, 0.0))
+
+    @property
+    def prior(self) -> PassPrior:
+        """Return the prior of the beginning of the pass."""
+        return self.assumed.prior
+
+    def doubting(self, stamp_std_s: float) -> PassMotions:
+        """Return the priors with another 1-sigma of the stamps assumed, s."""
+        return replace(self, assumed=PassMotion(
+            self.prior, self.assumed.config, stamp_std_s))
+
+    def begun_at(self, prior: PassPrior) -> PassMotions:
+        """Return the priors of a pass that begins otherwise, with the same stamps."""
+        assumed, nominal, exact = (
+            PassMotion(prior, motion.config, motion.processes.stamp_std_s)
+            for motion in (self.assumed, self.nominal, self.exact))
+        return PassMotions(assumed, nominal, exact)
 
 
 def normal_equations(begun: NormalEquations, processes: Processes, times_s: Array, state: Array,

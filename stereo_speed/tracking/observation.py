@@ -21,9 +21,9 @@ from .front import Front, plane_points
 from .observation_kernels import Spread, spread, Views, views
 from .relief import relief_basis
 from .sharpness import grown_blurs_px
-from ..core.config import NoiseConfig
 from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
+from ..core.tracker_config import NoiseConfig
 from ..geometry.rig import StereoRig
 from ..vision.sampling import low_pass_crop, Patches
 

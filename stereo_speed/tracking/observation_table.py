@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from .observation import Observation
 from .photometric_terms import cross
 from .relief import NodeSums
-from ..core.config import NoiseConfig
 from ..core.records import Array
+from ..core.tracker_config import NoiseConfig
 
 LEAST_SQUARE = 1e-12  # px^2/m^2, lower limit for disparities that do not depend on the place
 _MORE = 8  # least number of rows that a table grows by

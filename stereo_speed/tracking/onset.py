@@ -149,18 +149,18 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     """
     mean, covariance = steady.mean, steady.covariance
     moves = may.pull @ covariance
-    told = may.pull @ mean
+    weighted = may.pull @ mean  # information times acceleration, of changes that do not end
     # Uncertain unknowns reduce the information about an acceleration, at most to 0 but for
     # rounding.
-    tells = np.maximum(_between(may.own - moves @ may.pull.T), 0.0)
-    known = tells + 1 / onsets.std_mps2 ** 2
-    told = told[:, None] - told
-    accelerations = told / known
+    information = np.maximum(_between(may.own - moves @ may.pull.T), 0.0)
+    known = information + 1 / onsets.std_mps2 ** 2
+    weighted = weighted[:, None] - weighted
+    accelerations = weighted / known
     begins = np.log(rate_factor * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
     ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s / onsets.lasts_s
     ends[-1] = 0.0  # the change has not ended yet
     log_share = begins[:, None] + ends - 0.5 * np.log(known * onsets.std_mps2 ** 2) \
-        + 0.5 * told * accelerations
+        + 0.5 * weighted * accelerations
     log_share[may.none] = -np.inf
     greatest = max(float(log_share.max()), 0.0)
     shares = np.exp(log_share - greatest)
@@ -224,12 +224,12 @@ def unnoticed(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
         before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
             - 0.5 * np.log(known * onsets.std_mps2 ** 2)
     a = most_mps2 * _PARTS_OF_MOST[:, None, None]
-    told = a * shows[:, :-1]
-    log_shares = before + 0.5 * np.square(told) / known
+    weighted = a * shows[:, :-1]  # information times acceleration
+    log_shares = before + 0.5 * np.square(weighted) / known
     greatest = np.maximum(log_shares.max(axis=-1, initial=0.0, keepdims=True), 0.0)
     shares = np.exp(log_shares - greatest)
     shares /= shares.sum(axis=-1, keepdims=True) + np.exp(-greatest)
-    noticed = shares * told / known
+    noticed = shares * weighted / known
     left = a[..., 0] * moves[:, newest] - noticed @ moves[:-1, newest]
     return Unnoticed(np.abs(left).ravel(), np.abs(a[..., 0] - noticed.sum(axis=-1)).ravel())
 

@@ -15,9 +15,9 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .posterior import Posterior, SolvedPass
-from ..core.config import TrackerConfig
 from ..core.passes import PassResult, Reason, SpeedBudget, time_shares, TrackEnd, Verdict
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
@@ -73,28 +73,28 @@ class Pass:
     end: TrackEnd
 
 
-def conclude(found: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
+def conclude(followed: Pass, rig: StereoRig, config: TrackerConfig) -> PassResult:
     """Return the measurement of a pass, or why it cannot be measured."""
-    if found.solved is None:
-        return _result(found, pairs=0, reason=Reason.NEVER_SEEN)
-    posterior = found.solved.posterior
-    speeds, share = posterior.ground_speeds(), calibration_share(rig, found.lane, config)
-    at = (np.array(found.stamps_ns) - posterior.first_ns) * 1e-9
+    if followed.solved is None:
+        return _result(followed, pairs=0, reason=Reason.NEVER_SEEN)
+    posterior = followed.solved.posterior
+    speeds, share = posterior.ground_speeds(), calibration_share(rig, followed.lane, config)
+    at = (np.array(followed.stamps_ns) - posterior.first_ns) * 1e-9
     between = _interpolation(at, posterior.stamps_s)
-    profile, of_time = between @ speeds, time_shares(found.stamps_ns)
+    profile, of_time = between @ speeds, time_shares(followed.stamps_ns)
     speed = float(of_time @ profile)
-    budget = _budget(found.solved, of_time @ between, abs(speed) * share)
-    reason = _reason(found, posterior, speeds, budget.total_mps,
-                     rig_share(rig, found.lane, config), config)
+    budget = _budget(followed.solved, of_time @ between, abs(speed) * share)
+    reason = _reason(followed, posterior, speeds, budget.total_mps,
+                     rig_share(rig, followed.lane, config), config)
     if reason:
-        return _result(found, pairs=len(found.stamps_ns), reason=reason)
+        return _result(followed, pairs=len(followed.stamps_ns), reason=reason)
     variance = posterior.ground_ratio() ** 2 * np.diag(posterior.covariance)[3::4]
     stds = np.interp(at, posterior.stamps_s, np.sqrt(variance + (share * speeds) ** 2))
     return _result(
-        found, pairs=len(found.stamps_ns), speed_mps=speed,
+        followed, pairs=len(followed.stamps_ns), speed_mps=speed,
         speed_std_mps=budget.total_mps, budget=budget,
-        smoothed=dict(zip(found.stamps_ns, profile.tolist())),
-        smoothed_std=dict(zip(found.stamps_ns, stds.tolist())))
+        smoothed=dict(zip(followed.stamps_ns, profile.tolist())),
+        smoothed_std=dict(zip(followed.stamps_ns, stds.tolist())))
 
 
 def _interpolation(at_s: Array, known_s: Array) -> Array:
@@ -124,13 +124,13 @@ def _rest(whole: float, part: float) -> float:
     return math.sqrt(max(whole ** 2 - part ** 2, 0.0))
 
 
-def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, share: float,
+def _reason(followed: Pass, posterior: Posterior, speeds: Array, std_mps: float, share: float,
             config: TrackerConfig) -> Optional[Reason]:
     """Return why a pass is rejected; None if it is not."""
     limits = config.verdict
-    if len(found.stamps_ns) < limits.least_pairs:
+    if len(followed.stamps_ns) < limits.least_pairs:
         return Reason.TOO_FEW_PAIRS
-    if found.extent_px < limits.least_width_px:
+    if followed.extent_px < limits.least_width_px:
         return Reason.TOO_FAR
     if not np.median(posterior.cross_ncc) > limits.least_median_ncc:
         return Reason.VIEWS_DISAGREE
@@ -143,19 +143,19 @@ def _reason(found: Pass, posterior: Posterior, speeds: Array, std_mps: float, sh
     if not share < config.max_scale_std_share:
         return Reason.RIG_UNCERTAIN
     if not std_mps < max(config.max_speed_std_share * speeds.mean(), config.max_speed_std_mps):
-        far = found.extent_px < limits.far_width_px
+        far = followed.extent_px < limits.far_width_px
         return Reason.TOO_FAR if far else Reason.UNCERTAIN
     return None
 
 
-def _result(found: Pass, *, pairs: int, reason: Optional[Reason] = None,
+def _result(followed: Pass, *, pairs: int, reason: Optional[Reason] = None,
             speed_mps: Optional[float] = None, speed_std_mps: Optional[float] = None,
             budget: Optional[SpeedBudget] = None,
             smoothed: Optional[dict[int, float]] = None,
             smoothed_std: Optional[dict[int, float]] = None) -> PassResult:
     return PassResult(
-        track=found.track, lane=found.lane.name, first_ns=found.stamps_ns[0],
-        last_ns=found.stamps_ns[-1], pairs=pairs, speed_mps=speed_mps,
+        track=followed.track, lane=followed.lane.name, first_ns=followed.stamps_ns[0],
+        last_ns=followed.stamps_ns[-1], pairs=pairs, speed_mps=speed_mps,
         speed_std_mps=speed_std_mps, verdict=Verdict.REJECTED if reason else Verdict.MEASURED,
         reason=reason or '', smoothed=smoothed or {}, smoothed_std=smoothed_std or {},
-        budget=budget, end=found.end)
+        budget=budget, end=followed.end)

@@ -431,8 +431,8 @@ def _settled(residual: Array, jacobian: Array, weights: Array) -> Array:
     weighted = jacobian * weights[:, :, None]
     information = np.einsum('nvag,nvbg->nab', weighted, jacobian)
     least = _LEAST_SHARE * np.trace(information, axis1=1, axis2=2) + _LEAST_MOTION
-    told = np.einsum('nvag,nvg->na', weighted, residual)
-    moved = np.linalg.solve(information + least[:, None, None] * np.eye(3), told[..., None])
+    gradient = np.einsum('nvag,nvg->na', weighted, residual)
+    moved = np.linalg.solve(information + least[:, None, None] * np.eye(3), gradient[..., None])
     return np.asarray(residual - (moved[:, None] * jacobian).sum(axis=2))
 
 

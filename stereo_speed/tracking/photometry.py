@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 from .observation import Observation
 from .observation_table import Columns, LEAST_SQUARE, ObservationTable
 from .photometric_terms import temporal, TemporalTerms
-from ..core.config import NoiseConfig, VisibilityConfig
 from ..core.records import Array
+from ..core.tracker_config import NoiseConfig, VisibilityConfig
 from ..estimation.weights import normalise_log_weights
 from ..vision.ncc import ncc as correlation
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .onset import Unnoticed
-from ..core.config import TrackerConfig
 from ..core.records import Array
+from ..core.tracker_config import TrackerConfig
 
 
 @dataclass(frozen=True, eq=False)

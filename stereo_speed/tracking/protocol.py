@@ -13,10 +13,10 @@ from typing import Any, Optional, Protocol, runtime_checkable, Union
 
 import numpy as np
 
-from ..core.config import TrackerConfig
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import InitialFront, StereoPair, TrackUpdate
+from ..core.tracker_config import TrackerConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 

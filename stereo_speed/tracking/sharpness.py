@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from ..core.config import NoiseConfig
 from ..core.records import Array
+from ..core.tracker_config import NoiseConfig
 from ..vision.ncc import ncc
 from ..vision.subpixel import parabola_peak
 

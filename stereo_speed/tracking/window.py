@@ -15,42 +15,31 @@ a window of keyframes; older ones become inactive until the pass is solved as a 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 import math
-from typing import Callable, Iterable, Mapping, Optional, Sequence
+from typing import Optional, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from .blur_doubt import doubt_of_blur
-from .hypotheses import hypotheses_of, Hypothesis, of_kin, PassOnsets, with_onset_to_come
-from .motion_answers import answers
-from .motion_prior import (
-    headings, Indices, lateral_rates, PassMotion, PassPrior, rates_by_offsets, StateIndex)
+from .hypotheses import Hypothesis, of_kin
+from .keyframes import Keyframe, least_gap, Window
+from .motion_prior import headings, lateral_rates, PassMotion, PassMotions, StateIndex
 from .observation import Observation, ObservationSampler
-from .onset import Moments, Unnoticed
-from .photometry import Equations, PassPhotometry, Photometry, views_agree
+from .photometry import views_agree
 from .posterior import Posterior, SolvedPass
-from .relief import node_variances, node_weights
+from .relief import node_weights
 from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
-from ..core.config import TrackerConfig
+from .solution import NEGLIGIBLE, Solution, Solver
 from ..core.records import Array, StereoPair
-from ..core.right_of_way import give_way
-from ..estimation.weights import normalise_log_weights
+from ..core.tracker_config import TrackerConfig
 
 _FAR_PX = 0.5  # iterations go on while observations move further than this
 _MOST_JUDGEMENTS = 3  # rounds, at most, of deciding which observations are occluded
 _MAX_MOVE_PX = 3.0  # limit of a step, the linear range of a patch
 _HALF_WIDTH_M = 0.8  # lever by which a change of heading moves the edges of a front
-# 1-sigma of how far a right view may be off its epipolar line, more than any calibration error, so
-# that this does not influence the speed (`steadying.view_lag` finds the lag from it).
-_ACROSS_PX = 3.0
 _ANYWHERE_M = 10.0  # 1-sigma of the first place where only the images are to determine it
 _FEWEST_KEYFRAMES = 4  # least number for a pass, that of the shortest measured one
 _BLUR_PAIRS = 4  # first pairs that decide which view is sharper, as many as the shortest pass has
-_LIKELY = 0.01  # least weight of a hypothesis that unnoticed braking must be covered for
-_NEGLIGIBLE = 1e-4  # weight below which a hypothesis is left out in this pair
 
 
 @dataclass(frozen=True)
@@ -78,152 +67,21 @@ _REACQUIRED = _Effort(iterations=5, most=8, near_px=0.0, moved_px=0.10)
 _WHOLE_PASS = _Effort(iterations=8, most=8, near_px=0.0, moved_px=0.01)
 
 
-@dataclass(frozen=True, eq=False)
-class _Keyframe:
-    """A pair and the observation of the front in it."""
-
-    pair: StereoPair
-    observation: Observation
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """
-    The state of a pass so far.
-
-    :param keyframes: active keyframes, in order of stamps.
-    :param state: (n, 4) s, a, b and speed in each of them.
-    :param relief: (m,) relief of the front at its nodes, m.
-    :param inactive: pairs that wait for the end of the pass, in order of stamps.
-    :param occluded_ns: stamps of the pairs, active or not, that do not count.
-    :param changing_lanes: probability that the vehicle changes lanes.
-    :param more_px: scatter of the disparities beyond the usual one, px.
-    :param relief_weights: (m,) factors on the usual information that holds nodes to the plane.
-    """
-
-    keyframes: tuple[_Keyframe, ...]
-    state: Array
-    relief: Array
-    relief_weights: Array
-    inactive: tuple[StereoPair, ...] = ()
-    occluded_ns: frozenset[int] = frozenset()
-    changing_lanes: float = 0.0
-    more_px: float = 0.0
-
-    @property
-    def pairs(self) -> list[StereoPair]:
-        """Return the active pairs."""
-        return [keyframe.pair for keyframe in self.keyframes]
-
-    @property
-    def observations(self) -> list[Observation]:
-        """Return the active observations."""
-        return [keyframe.observation for keyframe in self.keyframes]
-
-    @property
-    def times_s(self) -> Array:
-        """Return the times (n,) since the first pair, s."""
-        first = self.keyframes[0].pair.stamp_ns
-        return np.array([(k.pair.stamp_ns - first) * 1e-9 for k in self.keyframes])
-
-    @property
-    def index(self) -> StateIndex:
-        """Return the indices of the unknowns except the relief."""
-        return StateIndex(len(self.keyframes))
-
-    def counts(self) -> NDArray[np.bool_]:
-        """Return which observations (n,) count."""
-        return np.array([pair.stamp_ns not in self.occluded_ns for pair in self.pairs])
-
-    def inserted(self, k: int, keyframe: _Keyframe, state: Array) -> _Window:
-        """Return the window with a keyframe and its state (4,) before number ``k``."""
-        return replace(
-            self, keyframes=(*self.keyframes[:k], keyframe, *self.keyframes[k:]),
-            state=np.insert(self.state, k, state, axis=0))
-
-    def deactivated(self, k: int, most: int) -> _Window:
-        """Return the window with keyframe ``k`` inactive, and at most ``most`` inactive ones."""
-        inactive = sorted((*self.inactive, self.keyframes[k].pair), key=lambda p: p.stamp_ns)
-        if len(inactive) > most:
-            del inactive[_least_gap(inactive)]
-        return replace(
-            self, keyframes=self.keyframes[:k] + self.keyframes[k + 1:],
-            state=np.delete(self.state, k, axis=0), inactive=tuple(inactive))
-
-    def since(self, k: int) -> _Window:
-        """Return the window, which has no inactive pairs, from keyframe ``k`` on."""
-        return replace(self, keyframes=self.keyframes[k:], state=self.state[k:])
-
-    def unshown(self, fewest: int) -> int:
-        """Return how many leading keyframes do not count; 0 if fewer than ``fewest`` follow."""
-        first = int(np.argmax(self.counts()))
-        return first if first <= len(self.keyframes) - fewest else 0
-
-    def judged(self, unoccluded: NDArray[np.bool_]) -> _Window:
-        """Return the window with a new choice of what counts, unless that left nothing."""
-        if not unoccluded.any():
-            return self
-        elsewhere = self.occluded_ns.difference(pair.stamp_ns for pair in self.pairs)
-        return replace(self, occluded_ns=elsewhere.union(
-            pair.stamp_ns for pair, counts in zip(self.pairs, unoccluded) if not counts))
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """
-    Moments of the mixture of the hypotheses, and the equations of the images.
-
-    :param mean: mean of the unknowns except accelerations, in the order of ``StateIndex``.
-    :param relief: (m,) mean of the relief, m.
-    :param relief_square: (m,) mean square of the relief; variance by the likeliest hypothesis,
-        m^2.
-    :param weights: weights of all hypotheses.
-    :param log_evidence: logarithm of the evidence of all hypotheses together.
-    :param likely: weight and answer of each hypothesis that counts.
-    :param photometry: equations of the images.
-    :param speed_rate_std: random walk of the speed, weighted r.m.s., m/s/sqrt(s).
-    :param unnoticed: returns the errors of the newest speed due to braking that does not show yet.
-    """
-
-    mean: Array
-    relief: Array
-    relief_square: Array
-    weights: Array
-    log_evidence: float
-    likely: Sequence[tuple[float, Moments]]
-    photometry: Photometry
-    speed_rate_std: float
-    unnoticed: Callable[[], Unnoticed]
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Return the covariance of the unknowns of ``mean``."""
-        return _total(w * (a.covariance + np.outer(a.mean - self.mean, a.mean - self.mean))
-                      for w, a in self.likely)
-
-
 class PhotometricWindow:
     """
     Grows with every pair of a pass; see the module's docstring.
 
     :param sampler: makes observations of the front.
-    :param prior: prior of the pass.
+    :param motions: priors of the pass.
     :param config: precision of the images, motion models, effort.
-    :param nominal_stamp_std_s: 1-sigma of correct stamps, s; that of ``config`` is larger while
-        stamps are uneven. None for that of ``config``.
     """
 
-    def __init__(self, sampler: ObservationSampler, prior: PassPrior, config: TrackerConfig,
-                 nominal_stamp_std_s: Optional[float] = None) -> None:
-        self.sampler, self.config = sampler, config
-        self.photometry = PassPhotometry(sampler.relief_basis, config.noise, config.visibility)
+    def __init__(self, sampler: ObservationSampler, motions: PassMotions, config: TrackerConfig
+                 ) -> None:
+        self.sampler, self.motions, self.config = sampler, motions, config
+        self._solver = Solver(sampler.relief_basis, config)
         nodes = sampler.relief_basis.shape[1]
-        self.motion = PassMotion(prior, config, config.stamp_std_s)
-        self.nominal_motion = self.motion if nominal_stamp_std_s is None else PassMotion(
-            prior, config, nominal_stamp_std_s)
-        self.exact_motion = PassMotion(prior, config, 0.0)
-        self.hypotheses = hypotheses_of(config)
-        self._window = _Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
+        self._window = Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCCs of the last solution
         self._blurs: list[Array] = []  # log-likelihoods of the views' blurs, one per first pair
 
@@ -245,9 +103,9 @@ class PhotometricWindow:
         if observation is None:
             return None
         window, posterior = self._refined(
-            self._grown(_Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
+            self._grown(Keyframe(pair, observation), guess), _REACQUIRED if reacquires else _LIVE)
         if posterior.unoccluded[-1]:
-            window, posterior = self._as_sharp(window, posterior)
+            window, posterior = self._with_equal_sharpness(window, posterior)
             self._window, self._agreement = window, posterior.cross_ncc
             posterior = self._begun_where_shown() or posterior
         return posterior
@@ -258,7 +116,7 @@ class PhotometricWindow:
 
         The solution of the whole pass ignores it if the images confirm the stamps.
         """
-        self.motion = PassMotion(self.motion.prior, self.config, stamp_std_s)
+        self.motions = self.motions.doubting(stamp_std_s)
 
     def keep(self, pair: StereoPair, guess: Array) -> bool:
         """
@@ -271,7 +129,7 @@ class PhotometricWindow:
         observation = self._observed(pair, guess)
         if observation is None or not self._agrees(observation):
             return False
-        self._window = self._grown(_Keyframe(pair, observation), guess)
+        self._window = self._grown(Keyframe(pair, observation), guess)
         return True
 
     def shows(self, pair: StereoPair, guess: Array) -> bool:
@@ -289,29 +147,30 @@ class PhotometricWindow:
         return self.sampler.observe(
             pair, guess[:3], np.array([guess[3], rate, 0.0]), heading, self._window.relief)
 
-    def _grown(self, keyframe: _Keyframe, state: Array) -> _Window:
+    def _grown(self, keyframe: Keyframe, state: Array) -> Window:
         """Return the window with a new keyframe and its state (4,)."""
         n, effort = len(self._window.keyframes), self.config.effort
         window = self._window.inserted(n, keyframe, state)
         if n + 1 <= effort.live_observations:
             return window
         # Never deactivate the first keyframe or one of the newest two.
-        return window.deactivated(_least_gap(window.pairs[:-1]),
+        return window.deactivated(least_gap(window.pairs[:-1]),
                                   effort.pass_observations - effort.live_observations)
 
     def _judge_sharpness(self, pair: StereoPair, state: Array) -> None:
         """Add a pair's evidence of which view is sharper; arguments as for :meth:`add`."""
         noise = self.config.noise
-        seen = self.sampler.blurred_patches(pair, state[:3], np.array([state[3], 0.0, 0.0]),
-                                            trial_blurs_px(noise))
-        if seen is None:
+        blurred = self.sampler.blurred_patches(
+            pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise))
+        if blurred is None:
             return
         if not self._blurs:
-            self.sampler.blurred_at_px = seen[1]
-        self._blurs.append(blur_log_likelihoods(*seen, noise))
+            self.sampler.blurred_at_px = blurred[1]
+        self._blurs.append(blur_log_likelihoods(*blurred, noise))
         self.sampler.blur_px = equal_blurs_px(np.sum(self._blurs, axis=0), noise)
 
-    def _as_sharp(self, window: _Window, posterior: Posterior) -> tuple[_Window, Posterior]:
+    def _with_equal_sharpness(self, window: Window, posterior: Posterior
+                              ) -> tuple[Window, Posterior]:
         """
         Return the solution with equally sharp views, by the evidence of its newest pair too.
 
@@ -321,12 +180,12 @@ class PhotometricWindow:
         if not self._blurs or len(self._blurs) >= _BLUR_PAIRS or len(window.keyframes) < 2:
             return window, posterior
         before = self.sampler.blur_px
-        self._judge_sharpness(window.pairs[-1], window.state[-1])
-        seen = None if self.sampler.blur_px == before else self._seen_anew(window)
-        if seen is not None and len(seen.keyframes) == len(window.keyframes):
-            found = self._refined(seen, _REACQUIRED)
-            if found[1].unoccluded[-1]:
-                return found
+        self._judge_sharpness(window.pairs[-1], window.states[-1])
+        remade = None if self.sampler.blur_px == before else self._remade(window)
+        if remade is not None and len(remade.keyframes) == len(window.keyframes):
+            sharp_window, sharp_posterior = self._refined(remade, _REACQUIRED)
+            if sharp_posterior.unoccluded[-1]:
+                return sharp_window, sharp_posterior
         self.sampler.blur_px = before
         return window, posterior
 
@@ -334,7 +193,7 @@ class PhotometricWindow:
         """Return the pass solved from all keyframes, including inactive ones."""
         return self._solved(self._recalled(self._window))
 
-    def _solved(self, window: _Window) -> SolvedPass:
+    def _solved(self, window: Window) -> SolvedPass:
         """Return the pass solved from all keyframes of a window without inactive ones."""
         for _ in range(_MOST_JUDGEMENTS):
             occluded_ns = window.occluded_ns
@@ -346,7 +205,8 @@ class PhotometricWindow:
             return self._begun_at(window, unshown)._solved(window.since(unshown))
         # The choice of observations that this answer rests on, in case it has not converged.
         window, at = replace(window, occluded_ns=occluded_ns), window.index
-        covariance = self._solve(window, self.hypotheses, self.exact_motion).covariance
+        covariance = self._solver.solve(
+            window, self._solver.hypotheses, self.motions.exact).covariance
         doubt = self._doubt_of_blur(window, posterior)
         posterior = replace(posterior, covariance=posterior.covariance + doubt)
         of_speeds = doubt[3::4, 3::4]
@@ -369,108 +229,117 @@ class PhotometricWindow:
         shown, posterior = begun._refined(window.since(unshown), _REACQUIRED)
         if not posterior.unoccluded[-1]:
             return None
-        self.motion, self.exact_motion = begun.motion, begun.exact_motion
-        self.nominal_motion = begun.nominal_motion
+        self.motions = begun.motions
         self._window, self._agreement = shown, posterior.cross_ncc
         return posterior
 
-    def _begun_at(self, window: _Window, k: int) -> PhotometricWindow:
+    def _begun_at(self, window: Window, k: int) -> PhotometricWindow:
         """
         Return a window for a pass whose first ``k`` pairs do not show the whole front.
 
         Its prior does not use the place and centre found in the first pair: something hid part of
         the front there, so they may be a metre off, which would count as speed.
         """
-        s_m, *offset_m = window.state[k, :3]
-        prior = replace(self.motion.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
+        s_m, *offset_m = window.states[k, :3]
+        prior = replace(self.motions.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
                         offset_m=np.array(offset_m))
-        other = PhotometricWindow(
-            self.sampler, prior, self.config, self.nominal_motion.processes.stamp_std_s)
-        other.doubt_stamps(self.motion.processes.stamp_std_s)
-        return other
+        return PhotometricWindow(self.sampler, self.motions.begun_at(prior), self.config)
 
-    def _doubt_of_blur(self, window: _Window, posterior: Posterior) -> Array:
+    def _doubt_of_blur(self, window: Window, posterior: Posterior) -> Array:
         """Return the covariance (4 n, 4 n) to add to a pass for making views equally sharp."""
         share = self.config.noise.blur_doubt
         samplers = self.sampler.less_blurred() if share else []
-        return doubt_of_blur(posterior, [self._sampled_by(sampler, window)
+        return doubt_of_blur(posterior, [self._solved_with(sampler, window)
                                          for sampler in samplers],
-                             share, self.motion.prior.speed_std_mps)
+                             share, self.motions.prior.speed_std_mps)
 
-    def _sampled_by(self, sampler: ObservationSampler, window: _Window) -> Optional[Posterior]:
+    def _solved_with(self, sampler: ObservationSampler, window: Window) -> Optional[Posterior]:
         """Return the pass solved with another sampler; None where it cannot be solved."""
-        other = PhotometricWindow(sampler, self.motion.prior, self.config)
-        other.motion, other.nominal_motion = self.motion, self.nominal_motion
-        seen = other._seen_anew(window)
-        if seen is None or not seen.counts().any():
+        resampled = PhotometricWindow(sampler, self.motions, self.config)
+        remade = resampled._remade(window)
+        if remade is None or not remade.counts().any():
             return None
         try:
-            return other._refined(seen, _WHOLE_PASS)[1]
+            return resampled._refined(remade, _WHOLE_PASS)[1]
         except np.linalg.LinAlgError:
             return None
 
-    def _seen_anew(self, window: _Window) -> Optional[_Window]:
+    def _remade(self, window: Window) -> Optional[Window]:
         """
         Return a window with its observations remade at their poses; those not in view are dropped.
 
         Returns None if that is the first one, to which the prior refers.
         """
         rates, _, heading = self._directions(window)
-        seen = [self.sampler.observe(
+        observations = [self.sampler.observe(
             k.pair, k.observation.pose, np.array([state[3], rate, 0.0]), float(psi), window.relief)
-            for k, state, rate, psi in zip(window.keyframes, window.state, rates, heading)]
-        return None if seen[0] is None else replace(
-            window, state=window.state[[o is not None for o in seen]], keyframes=tuple(
-                _Keyframe(k.pair, o) for k, o in zip(window.keyframes, seen) if o is not None))
+            for k, state, rate, psi in zip(window.keyframes, window.states, rates, heading)]
+        return None if observations[0] is None else replace(
+            window, states=window.states[[o is not None for o in observations]], keyframes=tuple(
+                Keyframe(k.pair, o) for k, o in zip(window.keyframes, observations)
+                if o is not None))
 
-    def _recalled(self, window: _Window) -> _Window:
+    def _recalled(self, window: Window) -> Window:
         """Return a window with inactive pairs active again, at states interpolated in time."""
-        times, known, first = window.times_s, window.state.T, window.pairs[0].stamp_ns
+        times_s, states, first_ns = window.times_s, window.states.T, window.pairs[0].stamp_ns
         for pair in window.inactive:
-            at = (pair.stamp_ns - first) * 1e-9
-            guess = np.array([np.interp(at, times, column) for column in known])
+            at_s = (pair.stamp_ns - first_ns) * 1e-9
+            guess = np.array([np.interp(at_s, times_s, column) for column in states])
             observation = self.sampler.observe(
                 pair, guess[:3], np.array([guess[3], 0.0, 0.0]), 0.0, window.relief)
             if observation is not None:
                 k = int(np.searchsorted([p.stamp_ns for p in window.pairs], pair.stamp_ns))
-                window = window.inserted(k, _Keyframe(pair, observation), guess)
+                window = window.inserted(k, Keyframe(pair, observation), guess)
         return replace(window, inactive=())
 
-    def _refined(self, window: _Window, effort: _Effort) -> tuple[_Window, Posterior]:
+    def _refined(self, window: Window, effort: _Effort) -> tuple[Window, Posterior]:
         """Return the refined window and its posterior; see :meth:`_gauss_newton`."""
-        window, solution = self._gauss_newton(window, effort, self.motion)
-        if effort is _WHOLE_PASS and self._confirms_stamps(window):
-            window, solution = self._gauss_newton(window, effort, self.nominal_motion)
+        window, solution = self._gauss_newton(window, effort, self.motions.assumed)
+        if effort is _WHOLE_PASS:
+            nominal = self._confirming_stamps(window)
+            if nominal is not None:
+                window, solution = self._gauss_newton(
+                    window, effort, self.motions.nominal, nominal)
         window = window.judged(solution.photometry.unoccluded)
         return window, self._posterior(window, solution, effort)
 
-    def _confirms_stamps(self, window: _Window) -> bool:
+    def _confirming_stamps(self, window: Window) -> Optional[Solution]:
         """
-        Return whether the images confirm stamps that are doubted because they are uneven.
+        Return the solution with nominal stamps where the images confirm doubted ones; else None.
 
-        Exposures may be uneven too.  With the stamps of the exposures a vehicle moves smoothly, to
-        some centimetres; with wrong ones it jerks.  Only a whole pass can tell: a live reading
-        depends on its newest stamp, which only later pairs can confirm.
+        Stamps are doubted because they are uneven, but exposures may be uneven too.  With the
+        stamps of the exposures a vehicle moves smoothly, to some centimetres; with wrong ones it
+        jerks.  Only a whole pass can tell: a live reading depends on its newest stamp, which only
+        later pairs can confirm.
         """
-        if self.nominal_motion.processes.stamp_std_s >= self.motion.processes.stamp_std_s:
-            return False
-        nominal, doubted = (self._solve(window, self.hypotheses, motion).log_evidence
-                            for motion in (self.nominal_motion, self.motion))
+        motions = self.motions
+        if motions.nominal.processes.stamp_std_s >= motions.assumed.processes.stamp_std_s:
+            return None
+        nominal, assumed = (self._solver.solve(window, self._solver.hypotheses, motion)
+                            for motion in (motions.nominal, motions.assumed))
         odds = self.config.exposure_odds
-        return odds == 0 or nominal - doubted > math.log(odds)
+        confirmed = odds == 0 or nominal.log_evidence - assumed.log_evidence > math.log(odds)
+        return nominal if confirmed else None
 
-    def _gauss_newton(self, window: _Window, effort: _Effort, motion: PassMotion
-                      ) -> tuple[_Window, _Solution]:
-        """Iterate Gauss-Newton; observations are remade only where their pose has moved."""
-        all_: Sequence[Hypothesis] = self.hypotheses
+    def _gauss_newton(self, window: Window, effort: _Effort, motion: PassMotion,
+                      first: Optional[Solution] = None) -> tuple[Window, Solution]:
+        """
+        Iterate Gauss-Newton; observations are remade only where their pose has moved.
+
+        :param first: the solution of the window itself, if it is known already.
+        """
+        hypotheses: Sequence[Hypothesis] = self._solver.hypotheses
+        solution = self._solver.solve(window, hypotheses, motion) if first is None else first
         for done in range(1, effort.most + 1):
-            solution = self._solve(window, all_, motion)
+            if done > 1:
+                solution = self._solver.solve(window, hypotheses, motion)
             weights = solution.weights
             window = replace(
                 window, changing_lanes=float(sum(
-                    w for h, w in zip(all_, weights) if h.motion.changes_lanes)),
-                more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(all_, weights))))
-            all_ = [h for h, w in zip(all_, of_kin(all_, weights)) if w > _NEGLIGIBLE]
+                    w for h, w in zip(hypotheses, weights) if h.motion.changes_lanes)),
+                more_px=math.sqrt(sum(w * h.more_px ** 2 for h, w in zip(hypotheses, weights))))
+            hypotheses = [h for h, w in zip(hypotheses, of_kin(hypotheses, weights))
+                          if w > NEGLIGIBLE]
             window, moved_px = self._moved(window, solution, effort)
             if moved_px <= (effort.near_px if done < effort.iterations else _FAR_PX):
                 break
@@ -480,86 +349,19 @@ class PhotometricWindow:
                 break
         return window, solution
 
-    def _posterior(self, window: _Window, solution: _Solution, effort: _Effort) -> Posterior:
+    def _posterior(self, window: Window, solution: Solution, effort: _Effort) -> Posterior:
         """Return the posterior of a solution, ordered by pairs."""
-        at, seen = window.index, solution.photometry
+        at, photometry = window.index, solution.photometry
         order = np.column_stack([at.poses, at.speeds]).ravel()
         rates, path_scale, heading = self._directions(window)
         return Posterior(
-            window.pairs[0].stamp_ns, window.times_s, window.state.copy(),
+            window.pairs[0].stamp_ns, window.times_s, window.states.copy(),
             solution.covariance[np.ix_(order, order)], rates, heading, path_scale,
-            seen.cross_ncc, seen.unoccluded, seen.seen, solution.speed_rate_std,
+            photometry.cross_ncc, photometry.unoccluded, photometry.seen,
+            solution.speed_rate_std,
             None if effort is _WHOLE_PASS else solution.unnoticed())
 
-    def _solve(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion
-               ) -> _Solution:
-        """
-        Solve for poses, speeds, accelerations and heading error at the present observations.
-
-        The evidence of each hypothesis has a closed Gaussian form.  The answer is the moments of
-        the mixture, so that allowing for braking neither makes a steady pass noisy nor biases a
-        braking one.
-        """
-        give_way()
-        apart = any(pair.right_lag_s for pair in window.pairs)
-        seen = self.photometry(window.observations, window.counts(), window.more_px,
-                               rates_by_offsets(window.times_s) if apart else None)
-        give_way()
-        # The relief does not depend on the motion model, so it is eliminated once.
-        held = np.append(window.relief_weights / self.config.noise.relief_std_m ** 2,
-                         np.full(seen.lines, 1 / _ACROSS_PX ** 2))
-        said = {more_px: _without_relief(
-            seen.scattered(more_px), held, len(window.relief))
-                for more_px in {h.more_px: None for h in hypotheses}}
-        before = np.array([math.log(h.share) + said[h.more_px].log_density for h in hypotheses])
-        evidence = np.array([a.log_evidence for a in self._answers(
-            window, hypotheses, motion, said, covariances=False)])
-        counts = np.flatnonzero(
-            with_onset_to_come(hypotheses, normalise_log_weights(before + evidence))
-            > _NEGLIGIBLE)
-        some = [hypotheses[int(k)] for k in counts]
-        with_onsets = PassOnsets(self.config, motion, window.times_s, window.state, some)
-        without = self._answers(window, some, motion, said, covariances=True)
-        found = [with_onsets(answer, h) for h, answer in zip(some, without)]
-        evidence[counts] = [answer.log_evidence for answer in found]
-        weights = normalise_log_weights(before + evidence)
-        shares = np.where(weights[counts] > _NEGLIGIBLE, weights[counts], 0.0)
-        shares /= shares.sum()
-        likely = [(float(w), answer) for w, answer in zip(shares, found) if w > 0]
-        mean = _total(w * answer.mean for w, answer in likely)
-        told = said[some[0].more_px].unknowns
-        relief = _total(w * said[h.more_px].relief(answer.mean[told])
-                        for w, h, answer in zip(shares, some, found) if w > 0)
-        most = int(np.argmax(shares))
-        strays = said[some[most].more_px].relief_variances(
-            found[most].covariance[np.ix_(told, told)])
-        rate = math.sqrt(sum(
-            float(w) * (h.motion.speed_rate_std or 0.0) ** 2 for w, h in zip(shares, some)))
-        return _Solution(
-            mean, relief, np.square(relief) + strays, weights,
-            float(np.logaddexp.reduce(before + evidence)), likely, seen, rate,
-            partial(with_onsets.unnoticed, [one for one, w in zip(without, shares) if w > _LIKELY],
-                    [one for one, w in zip(some, shares) if w > _LIKELY],
-                    int(window.index.speeds[-1]), self.config.visibility.unnoticed_braking_mps2))
-
-    def _answers(self, window: _Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
-                 said: Mapping[float, _PoseEquations], *, covariances: bool) -> list[Moments]:
-        """
-        Return the answers of hypotheses, in their order.
-
-        :param said: scatter of the disparities to the equations of the images.
-        :param covariances: whether to compute covariances; else they are empty.
-        """
-        levels, all_ = list(said), said.values()
-        found = answers(
-            motion, window.times_s, window.state, [h.motion for h in hypotheses],
-            [levels.index(h.more_px) for h in hypotheses], np.array([one.H for one in all_]),
-            np.array([one.right for one in all_]), covariances=covariances)
-        around = found.covariances if covariances else np.zeros((len(hypotheses), 0, 0))
-        return [Moments(mean, covariance, float(evidence)) for mean, covariance, evidence in zip(
-            found.means, around, found.log_evidence)]
-
-    def _directions(self, window: _Window) -> tuple[Array, Array, Array]:
+    def _directions(self, window: Window) -> tuple[Array, Array, Array]:
         """
         Return the lateral rates, path scales and headings (n,) of the present state.
 
@@ -567,10 +369,10 @@ class PhotometricWindow:
         points along it.  From lateral rates alone, a wrong heading would foreshorten the front,
         which looks like another range, and so reinforce itself.
         """
-        rates = lateral_rates(window.times_s, window.state[:, 1])
-        path_scale = self.sampler.front.path_scale(window.state[:, :3])
+        rates = lateral_rates(window.times_s, window.states[:, 1])
+        path_scale = self.sampler.front.path_scale(window.states[:, :3])
         return rates, path_scale, window.changing_lanes * headings(
-            window.state, rates, path_scale)
+            window.states, rates, path_scale)
 
     def _newest_drift(self) -> tuple[float, float]:
         """Return the newest lateral rate, m/s, and heading, rad, for the next observation."""
@@ -579,100 +381,55 @@ class PhotometricWindow:
         rates, _, heading = self._directions(self._window)
         return float(rates[-1]), float(heading[-1])
 
-    def _moved(self, window: _Window, solution: _Solution, effort: _Effort
-               ) -> tuple[_Window, float]:
+    def _moved(self, window: Window, solution: Solution, effort: _Effort
+               ) -> tuple[Window, float]:
         """Return the window at a solution, and how far the remade observations have moved, px."""
-        at = window.index
-        state = np.column_stack([solution.mean[at.poses], solution.mean[at.speeds]])
-        noise = self.config.noise
-        window = replace(
-            window, state=state, relief=solution.relief, relief_weights=node_weights(
-                solution.relief_square, noise.relief_std_m, noise.relief_dof))
+        window = self._at(window, solution)
         rates, _, heading = self._directions(window)
-        seen = window.observations
-        changes = state[:, :3] - np.array([o.pose for o in seen])
-        turned = np.abs(heading - [o.heading_rad for o in seen])
-        # The r.m.s., because most samples have not moved where only some nodes have.
-        reshaped = np.sqrt(np.square(
-            window.relief - np.array([o.relief for o in seen])).mean(axis=1))
-        # Change of the distance that the front moves between exposures, along and across.
-        gone_m = np.abs([pair.right_lag_s for pair in window.pairs] * (
-            np.stack([state[:, 3], rates]) - np.transpose([o.velocity_mps[:2] for o in seen])))
-        per_m = np.array([o.shift_px for o in seen])  # (n, 2, 3)
-        px = np.maximum(np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
-                        per_m[..., 0].max(axis=1) * (
-                            _HALF_WIDTH_M * turned + reshaped + gone_m[0])
-                        + per_m[:, 1, 1] * gone_m[1])
+        shifts_px = _shifts_px(window, rates, heading)
         keyframes, moved_px = list(window.keyframes), 0.0
-        for k in np.flatnonzero(px > effort.moved_px):
-            old = keyframes[k]
-            change = changes[k] * min(1.0, _MAX_MOVE_PX / px[k])
+        for k in np.flatnonzero(shifts_px > effort.moved_px):
+            old, state = keyframes[k], window.states[k]
+            change = (state[:3] - old.observation.pose) * min(1.0, _MAX_MOVE_PX / shifts_px[k])
             remade = self.sampler.observe(
                 old.pair, old.observation.pose + change,
-                np.array([state[k, 3], rates[k], 0.0]), float(heading[k]), window.relief)
+                np.array([state[3], rates[k], 0.0]), float(heading[k]), window.relief)
             if remade is not None:
-                keyframes[k] = _Keyframe(old.pair, remade)
-                moved_px = max(moved_px, float(px[k]))
+                keyframes[k] = Keyframe(old.pair, remade)
+                moved_px = max(moved_px, float(shifts_px[k]))
         return replace(window, keyframes=tuple(keyframes)), moved_px
 
+    def _at(self, window: Window, solution: Solution) -> Window:
+        """Return the window with the states and the relief of a solution."""
+        at, noise = window.index, self.config.noise
+        return replace(
+            window, states=np.column_stack([solution.mean[at.poses], solution.mean[at.speeds]]),
+            relief=solution.relief, relief_weights=node_weights(
+                solution.relief_square, noise.relief_std_m, noise.relief_dof))
 
-def _least_gap(pairs: Sequence[StereoPair]) -> int:
-    """Return the index of the pair, not the first or last, whose removal leaves the least gap."""
-    times = np.array([pair.stamp_ns for pair in pairs])
-    return 1 + int(np.argmin(times[2:] - times[:-2])) if len(times) > 2 else len(times) - 1
 
-
-@dataclass(frozen=True, eq=False)
-class _PoseEquations(Equations):
+def _shifts_px(window: Window, rates: Array, heading: Array) -> Array:
     """
-    Equations of the images for the poses alone, and the speeds where views have two stamps.
+    Return how far the samples of each observation (n,) are from where the window has them, px.
 
-    The m eliminated unknowns are the nodes of the relief, then how far right views are off their
-    epipolar lines.
-
-    :param alone: (m,) eliminated unknowns where the poses are 0.
-    :param gain: (m, k) their decrease per unit of the poses.
-    :param factor: Cholesky factor of their information (m, m) where the poses are known.
-    :param nodes: number of nodes of the relief.
+    :param rates: (n,) lateral rates of the window, m/s.
+    :param heading: (n,) headings of the window, rad.
     """
-
-    alone: Array
-    gain: Array
-    factor: tuple[Array, bool]
-    nodes: int
-
-    @property
-    def unknowns(self) -> Indices:
-        """Return the indices (k,) of the unknowns of these equations."""
-        return np.arange(len(self.right))
-
-    def relief(self, poses: Array) -> Array:
-        """Return the relief for given poses (k,)."""
-        return np.asarray(self.alone - self.gain @ poses)[:self.nodes]
-
-    def relief_variances(self, poses: Array) -> Array:
-        """Return the variances of the relief, given the covariance (k, k) of the poses."""
-        return node_variances(self.factor, self.gain, poses)[:self.nodes]
-
-
-def _without_relief(said: Equations, held: Array, nodes: int) -> _PoseEquations:
-    """
-    Return the equations of the images for the poses alone.
-
-    :param said: their equations for poses, relief and lines of right views.
-    :param held: (m,) prior information of each node of the relief, 1/m^2, and of the lines.
-    :param nodes: number of nodes of the relief.
-    """
-    n = len(said.right) - len(held)
-    own = said.H[n:, n:] + np.diag(held)
-    factor = cho_factor(own, lower=True, check_finite=False)
-    gain = cho_solve(factor, said.H[n:, :n], check_finite=False)
-    alone = cho_solve(factor, said.right[n:], check_finite=False)
-    log_density = said.log_density + 0.5 * float(said.right[n:] @ alone) - float(
-        np.log(np.diag(factor[0])).sum())
-    return _PoseEquations(
-        said.H[:n, :n] - said.H[:n, n:] @ gain, said.right[:n] - said.H[:n, n:] @ alone,
-        log_density, alone, gain, factor, nodes)
+    observations, states = window.observations, window.states
+    changes = states[:, :3] - np.array([o.pose for o in observations])
+    turned = np.abs(heading - [o.heading_rad for o in observations])
+    # The r.m.s., because most samples have not moved where only some nodes have.
+    reshaped = np.sqrt(np.square(
+        window.relief - np.array([o.relief for o in observations])).mean(axis=1))
+    # Change of the distance that the front moves between exposures, along and across.
+    between_m = np.abs([pair.right_lag_s for pair in window.pairs] * (
+        np.stack([states[:, 3], rates])
+        - np.transpose([o.velocity_mps[:2] for o in observations])))
+    per_m = np.array([o.shift_px for o in observations])  # (n, 2, 3)
+    return np.asarray(np.maximum(
+        np.abs(per_m * changes[:, None]).max(axis=(1, 2)),
+        per_m[..., 0].max(axis=1) * (_HALF_WIDTH_M * turned + reshaped + between_m[0])
+        + per_m[:, 1, 1] * between_m[1]))
 
 
 def _given_heading(covariance: Array, at: StateIndex) -> Array:
@@ -681,8 +438,3 @@ def _given_heading(covariance: Array, at: StateIndex) -> Array:
     error = covariance[np.ix_(at.heading_error, at.heading_error)]
     return np.asarray(covariance[np.ix_(at.speeds, at.speeds)]
                       - shared @ np.linalg.solve(error, shared.T))
-
-
-def _total(terms: Iterable[Array]) -> Array:
-    """Return the sum of arrays."""
-    return np.asarray(sum(terms))

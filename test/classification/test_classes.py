@@ -6,8 +6,8 @@ import math
 
 import pytest
 from stereo_speed.classification.classes import classified, is_edge
-from stereo_speed.core.config import ClassConfig
 from stereo_speed.core.passes import VehicleClass
+from stereo_speed.core.tracker_config import ClassConfig
 
 CONFIG = ClassConfig()
 

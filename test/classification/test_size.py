@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 from stereo_speed.classification.size import HeightSearch, VehicleSize
-from stereo_speed.core.config import ClassConfig
 from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.tracker_config import ClassConfig
 from stereo_speed.detection.front_width import FrontWidth
 from stereo_speed.lab.evaluation.labeled_sequence import read_back
 from stereo_speed.lab.sim.bodies import BODIES

@@ -3,11 +3,11 @@
 """Config records: bounds, choices, sections, and the texts of errors."""
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import pytest
 from stereo_speed.core.config import (
-    CheckedRecord, load_config, parameter, parameters_of, record_of, section, TrackerConfig)
+    CheckedRecord, load_config, parameter, parameters_of, record_of, section)
 from stereo_speed.core.errors import InputError
 
 
@@ -72,20 +72,9 @@ def test_parameter_names_are_dotted():
         'p.count', 'p.exact', 'p.inner.share', 'p.inner.name']
 
 
-@pytest.mark.parametrize('text', ['[1, 2]', 'particles: [', 'particles: 3'], ids=str)
+@pytest.mark.parametrize('text', ['[1, 2]', 'count: [', 'count: 10'], ids=str)
 def test_unusable_files_are_named(text, tmp_path):
     path = tmp_path / 'config.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match='config.yaml'):
-        load_config(path, TrackerConfig)
-
-
-def test_every_parameter_has_a_meaning():
-    for name, field in parameters_of(TrackerConfig):
-        meta = field.metadata
-        assert meta['doc'] and not meta['doc'].endswith('.'), name
-        if meta['choices']:
-            assert field.default in meta['choices'], name
-        elif isinstance(field.default, (int, float)) and not isinstance(field.default, bool):
-            assert meta['low'] <= field.default <= meta['high'], name
-    assert len({f.name for f in fields(TrackerConfig)}) == len(fields(TrackerConfig))
+        load_config(path, Outer)

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import pytest
-from stereo_speed.core.config import load_config, TrackerConfig
+from stereo_speed.core.config import load_config
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.core.units import is_finite
 from stereo_speed.io.targets_file import load_targets
 from stereo_speed.site.init_file import load_init

@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import EffortConfig, TrackerConfig
+from stereo_speed.core.tracker_config import EffortConfig, TrackerConfig
 from stereo_speed.detection.beside import DetectorBeside, SearchProcess
 from stereo_speed.detection.config import DetectorConfig, SpacingConfig
 from stereo_speed.detection.detector import PlaneSweepDetector

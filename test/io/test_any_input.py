@@ -6,8 +6,9 @@ from __future__ import annotations
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 import pytest
-from stereo_speed.core.config import load_config, TrackerConfig
+from stereo_speed.core.config import load_config
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.io.decoding import decode_image, stated_size
 from stereo_speed.io.scene_map import load_regions
 from stereo_speed.io.targets_file import load_targets

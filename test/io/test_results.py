@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import (
     Direction, PassResult, SecondEstimate, SpeedBudget, VehicleClass, VehicleKind, Verdict)
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.io.atomic import prepare_folder
 from stereo_speed.io.results import (
     passes_csv, software_versions, stream_timings, summary_json, tracks_csv, write_run)

@@ -9,7 +9,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from stereo_speed.core.config import parameters_of, TrackerConfig
+from stereo_speed.core.config import parameters_of
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.enforcement.config import EnforcementConfig, load_enforcement_config
 from stereo_speed.pipeline.config import load_pipeline_config, SiteConfig
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS

@@ -10,7 +10,8 @@ pytest.importorskip('rclpy')
 from rcl_interfaces.srv import DescribeParameters, ListParameters  # noqa: E402
 
 from stereo_speed.cli.demo import Process  # noqa: E402
-from stereo_speed.core.config import parameters_of, TrackerConfig  # noqa: E402
+from stereo_speed.core.config import parameters_of  # noqa: E402
+from stereo_speed.core.tracker_config import TrackerConfig  # noqa: E402
 from stereo_speed.detection.config import DetectorConfig  # noqa: E402
 from stereo_speed.nodes import tracker, tracker_node  # noqa: E402
 from stereo_speed.nodes.common import run  # noqa: E402

@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from stereo_speed.core.config import NoParameters, TrackerConfig
+from stereo_speed.core.config import NoParameters
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.detection.protocol import Detection
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError, SiteError
 from stereo_speed.core.records import InitialFront
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.pipeline.assembly import make_pipeline, MeasuringSite

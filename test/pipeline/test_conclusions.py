@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.passes import PassResult, Verdict
 from stereo_speed.core.records import InitialFront, StereoPair, TrackState, TrackUpdate
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.pipeline.conclusions import AtOnce, Beside, Later

@@ -6,8 +6,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.pipeline.config import load_pipeline_config, PipelineConfig
 from stereo_speed.pipeline.registry import DETECTORS, TRACKERS
 

@@ -11,10 +11,11 @@ from typing import Any, Callable, Mapping, Optional, Sequence
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.config import parameters_of, record_of, TrackerConfig
+from stereo_speed.core.config import parameters_of, record_of
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import Verdict
 from stereo_speed.core.records import InitialFront, StereoPair, TrackUpdate
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.detection.box_detector import BoxConfig, BoxDetector
 from stereo_speed.detection.config import DetectorConfig
 from stereo_speed.detection.detector import PlaneSweepDetector

@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import (
-    EffortConfig, TrackerConfig, VerdictConfig, VisibilityConfig)
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.tracker_config import (
+    EffortConfig, TrackerConfig, VerdictConfig, VisibilityConfig)
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.detection.protocol import EarlierFront
 from stereo_speed.io.bags import StereoBag

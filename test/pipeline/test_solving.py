@@ -13,10 +13,10 @@ import threading
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig, VisibilityConfig
 from stereo_speed.core.passes import Reason, Verdict
 from stereo_speed.core.records import TrackState
 from stereo_speed.core.stamp_watch import StampWatch
+from stereo_speed.core.tracker_config import TrackerConfig, VisibilityConfig
 from stereo_speed.detection.protocol import Detection, EarlierFront
 from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.pipeline.conclusions import Beside

@@ -8,8 +8,8 @@ from dataclasses import astuple, replace
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from stereo_speed.core.config import SecondConfig, TrackerConfig
 from stereo_speed.core.passes import PassResult, Reason, SecondEstimate, Verdict
+from stereo_speed.core.tracker_config import SecondConfig, TrackerConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.evaluation.second import moved_region

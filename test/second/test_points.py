@@ -6,8 +6,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.config import SecondConfig
 from stereo_speed.core.records import StereoPair
+from stereo_speed.core.tracker_config import SecondConfig
 from stereo_speed.second.points import CornerFollower
 
 SIZE = (240, 320)

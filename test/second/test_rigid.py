@@ -7,7 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import SecondConfig
+from stereo_speed.core.tracker_config import SecondConfig
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import of_camera, StereoRig
 from stereo_speed.road.path import SplinePath, StraightPath

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.passes import PassResult, Reason, SpeedBudget, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.road.lanes import LanePath

@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 import pytest
-from stereo_speed.core.config import TOLERANCES
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TOLERANCES
 from stereo_speed.io.truth import read_truth
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.tracking.hypotheses import hypotheses_of, of_kin, with_onset_to_come
 
 

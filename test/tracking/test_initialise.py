@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from stereo_speed.core.config import StartConfig, TrackerConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import InitialFront
+from stereo_speed.core.tracker_config import StartConfig, TrackerConfig
 from stereo_speed.tracking.initialise import check_annotation, first_states, place_front, Placement
 from stereo_speed.tracking.protocol import Refusal
 from stereo_speed.vision.haar import PartGrid

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.tracking import motion_answers, observation_kernels, photometric_terms
 from stereo_speed.tracking.motion_prior import motion_models, PassMotion, PassPrior, slopes
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig, VisibilityConfig
 from stereo_speed.core.passes import TrackEnd
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.tracker_config import TrackerConfig, VisibilityConfig
 from stereo_speed.tracking.life import extent_px, TrackLife
 
 POSE = np.array([20.0, 0.1, 1.9])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.tracking.likelihood import Reference, score
 from stereo_speed.vision.haar import PartGrid
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.estimation.gaussian import condition
 from stereo_speed.tracking.motion_prior import (
     headings, lateral_rates, motion_models, MotionModel, PassMotion, PassPrior, persistent_moves,

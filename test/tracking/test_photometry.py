@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import NoiseConfig, VisibilityConfig
+from stereo_speed.core.tracker_config import NoiseConfig, VisibilityConfig
 from stereo_speed.tracking.motion_prior import rates_by_offsets
 from stereo_speed.tracking.observation import Observation
 from stereo_speed.tracking.observation_kernels import normalised_change

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.linalg import cho_factor
-from stereo_speed.core.config import NoiseConfig, SecondConfig, TrackerConfig
+from stereo_speed.core.tracker_config import NoiseConfig, SecondConfig, TrackerConfig
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.tracking.relief import (
     node_variances, node_weights, NODES, NodeSums, relief_basis)

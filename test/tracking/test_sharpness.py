@@ -9,7 +9,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.config import NoiseConfig
+from stereo_speed.core.tracker_config import NoiseConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.observation import ObservationSampler
 from stereo_speed.tracking.sharpness import (

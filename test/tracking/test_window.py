@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 from scipy import stats
-from stereo_speed.core.config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.tracking.front import Front
-from stereo_speed.tracking.motion_prior import PassPrior
+from stereo_speed.tracking.motion_prior import PassMotions, PassPrior
 from stereo_speed.tracking.observation import ObservationSampler
 from stereo_speed.tracking.posterior import Posterior
 from stereo_speed.tracking.sharpness import blur_log_likelihoods, trial_blurs_px
@@ -33,7 +33,7 @@ def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler
     prior = PassPrior(s_m=pose[0] + 0.7, s_std_m=1.0, offset_m=pose[1:] + 0.7 * slope,
                       offset_slope=slope, speed_mps=18.0, speed_std_mps=10.0,
                       heading_std_rad=np.full(2, 1e-4))
-    return PhotometricWindow(sampler, prior, config)
+    return PhotometricWindow(sampler, PassMotions.of(prior, config), config)
 
 
 def feed(window, pairs, poses, speed_mps=MPS, rng=None):
@@ -249,10 +249,11 @@ def test_first_pairs_that_do_not_show_the_front_do_not_affect_its_position(
     pairs, poses = textured_drive
     pairs = [behind_a_post(pair, 0.6) if k < hidden else pair for k, pair in enumerate(pairs)]
     window = window_of(textured, poses[0])
-    prior = window.motion.prior
+    prior = window.motions.prior
     prior = replace(prior, s_m=poses[0][0] - 1.5, s_std_m=0.2,
                     offset_m=prior.offset_m + [0.3, 0.2])
-    window = PhotometricWindow(window.sampler, prior, window.config)
+    window = PhotometricWindow(
+        window.sampler, PassMotions.of(prior, window.config), window.config)
     live = feed(window, pairs, poses)
     for posterior in live[hidden + 2:]:
         assert posterior.first_ns == pairs[hidden].stamp_ns

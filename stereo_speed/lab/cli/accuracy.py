@@ -16,8 +16,8 @@ from ..evaluation.outdoors import check_held
 from ...batch.job import failures
 from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures
-from ...core.config import TrackerConfig
 from ...core.errors import InputError
+from ...core.tracker_config import TrackerConfig
 from ...io.atomic import write_whole
 
 

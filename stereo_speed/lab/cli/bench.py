@@ -23,7 +23,7 @@ from ..evaluation.benchmarks import (
 from ..evaluation.tables import Table
 from ...cli.options import number_in
 from ...core.compiled import kernels, warm_up
-from ...core.config import TrackerConfig
+from ...core.tracker_config import TrackerConfig
 from ...io.bags import StereoBag
 from ...pipeline.assembly import MeasuringSite
 from ...pipeline.config import PipelineConfig

@@ -21,8 +21,8 @@ from ..evaluation.tables import Table
 from ...batch.job import failures
 from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures
-from ...core.config import TrackerConfig
 from ...core.errors import InputError
+from ...core.tracker_config import TrackerConfig
 from ...io.atomic import prepare_folder, write_whole
 from ...pipeline.registry import TRACKERS
 

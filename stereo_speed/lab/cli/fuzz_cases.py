@@ -1,45 +1,35 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Damaged input for all readers of files, and the verdict on their behaviour.
+Damaged input for all readers of files, one case after the other.
 
 Whatever a file contains, its reader must either accept it or refuse it by one of this package's
-errors, which is one line. It must not raise anything else, write to standard error, or exceed
-bounds of time and memory; and no vehicle may be measured wrongly from a recording with damaged
-images. Case k of a seed is always the same.
+errors, which is one line (``fuzz_judge``); and no vehicle may be measured wrongly from a recording
+with damaged images. Case k of a seed is always the same.
 """
 from __future__ import annotations
 
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
 import csv
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import lru_cache
-import io
-import json
-import os
 from pathlib import Path
-import signal
-import struct
 import tempfile
 import time
-import traceback
-from types import FrameType, SimpleNamespace
-from typing import Any, Callable, Iterator, Mapping, Optional, Sequence
-import warnings
-import zlib
+from typing import Any, Callable, Mapping, Sequence
 
 import cv2
 import numpy as np
 import yaml
 
 from .fuzz_evidence import evidence_case
+from .fuzz_judge import judge, Outcome
+from .fuzz_messages import bomb_case, image_case, info_case
 from ..evaluation.tables import Table
-from ..sim.damage import damage_bytes, damage_mcap, damage_value, STRANGE
+from ..sim.damage import damage_bytes, damage_mcap, damage_value
 from ..sim.repeat import damaged_copy, repeat_bag
 from ..sim.write import write_pairs
 from ...cli.main import main
 from ...core.config import load_config
-from ...core.errors import StereoSpeedError
 from ...core.records import StereoPair
 from ...core.units import MPH_MPS
 from ...enforcement.config import EnforcementConfig, load_enforcement_config
@@ -47,9 +37,6 @@ from ...geometry.camera import Camera
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.boxes import load_boxes
-from ...io.camera_info import rig_from_info
-from ...io.colour import bgr_from_message
-from ...io.images import grey_from_message
 from ...io.scene_map import load_map, load_regions
 from ...io.targets_file import load_targets
 from ...io.truth import read_truth
@@ -61,32 +48,11 @@ from ...site.init_file import load_init
 
 SAMPLE = Path(__file__).resolve().parents[3] / 'sample' / 'straight55'
 BATCH = 20  # cases of one job
-MOST_S = 20.0  # time limit of a case; a whole measurement takes a second or two
-MOST_MB = 700  # memory limit of a case: the largest accepted image, and the reader's copies
 _TRUE_MPS = 55 * MPH_MPS
 _WRONG = 0.1  # a reading with a greater relative error is wrong
 
 Rng = np.random.Generator
 Case = Callable[[Rng, Path], Callable[[], object]]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """
-    The outcome of one case.
-
-    :param subject: the fuzzed reader.
-    :param refused: whether the input was refused in one line.
-    :param fault: description of wrong behaviour; empty when there is none.
-    """
-
-    subject: str
-    refused: bool
-    fault: str = ''
-
-
-class _TooLongError(BaseException):
-    """A case takes too long; not an Exception, so that no reader catches it."""
 
 
 def run_case(seed: int, number: int, folder: Path) -> Outcome:
@@ -101,47 +67,6 @@ def run_case(seed: int, number: int, folder: Path) -> Outcome:
     name = _ORDER[number % len(_ORDER)]
     call = SUBJECTS[name](rng, folder)
     return judge(name, call, folder)
-
-
-def judge(subject: str, call: Callable[[], object], folder: Path) -> Outcome:
-    """
-    Run a reader and judge its behaviour.
-
-    :param subject: its name.
-    :param call: the call, which may raise anything; a command returns its exit status.
-    :param folder: folder for the file ``err``, which captures standard error.
-    """
-    fault, refused = '', False
-    before_mb = _reset_peak()
-    with _stderr_in(folder / 'err'), _within(MOST_S):
-        try:
-            with redirect_stdout(io.StringIO()), warnings.catch_warnings(record=True) as warned:
-                warnings.simplefilter('always', RuntimeWarning)
-                status = call()
-            fault = ''.join(f'warned: {w.message} ({Path(w.filename).name}:{w.lineno})'
-                            for w in warned if issubclass(w.category, RuntimeWarning))
-            refused = isinstance(status, int) and status == 2
-            if isinstance(status, str):
-                fault = status
-        except StereoSpeedError as error:
-            refused = True
-            if not str(error).strip() or '\n' in str(error):
-                fault = f'not one line: {str(error)!r}'
-        except OSError as error:  # the command line turns it into one line
-            refused, fault = True, '' if error.strerror else f'{error!r}'
-        except _TooLongError:
-            fault = f'took more than {MOST_S:g} s'
-        except BaseException as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            fault = f'{type(error).__name__}: {str(error)[:200]} ' \
-                    f'({Path(place.filename).name}:{place.lineno})'
-    told = (folder / 'err').read_text(errors='replace')
-    if not fault and told:
-        fault = _fault_of_stderr(told, refused)
-    grown_mb = _status_mb('VmHWM') - before_mb
-    if not fault and grown_mb > MOST_MB:
-        fault = f'used {grown_mb:.0f} MB'
-    return Outcome(subject, refused, ' '.join(fault.split()))
 
 
 def work(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,103 +128,6 @@ def _bytes_case(name: str, make: Callable[[], bytes], load: Callable[[Path], obj
         path.write_bytes(damage_bytes(rng, make()))
         return lambda: load(path)
     return case
-
-
-def _image_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return an image message with false sizes, or with damaged compressed bytes."""
-    shape = tuple(int(n) for n in rng.integers(1, 40, 2))
-    pixels = rng.integers(0, 256, shape, np.uint8)
-    if rng.random() < 0.4:
-        sizes = [0, 1, shape[0], shape[1], 3 * shape[1], 65535, 2 ** 31, 2 ** 32 - 1]
-        height, width, step = (int(n) if rng.random() < 0.5 else int(rng.choice(sizes))
-                               for n in (*shape, shape[1]))
-        encodings = ['mono8', 'mono16', 'bgr8', 'rgba8', 'bayer_rggb8', 'MONO8', 'yuv422', '',
-                     '32FC1']
-        message = SimpleNamespace(
-            height=height, width=width, step=step, encoding=str(rng.choice(encodings)),
-            is_bigendian=int(rng.integers(3)), data=pixels.reshape(-1))
-    else:
-        kind = str(rng.choice(['.jpg', '.png']))
-        data = cv2.imencode(kind, pixels)[1].tobytes()
-        message = SimpleNamespace(
-            format=str(rng.choice(['jpeg', 'png', 'bayer_rggb8; jpeg compressed', '\x00'])),
-            data=np.frombuffer(damage_bytes(rng, data), np.uint8))
-    read = grey_from_message if rng.random() < 0.7 else bgr_from_message
-    return lambda: read(message, 'image')
-
-
-def _bomb_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return a compressed image that is valid except for false, mostly too large, sizes."""
-    pixels = rng.integers(0, 256, tuple(int(n) for n in rng.integers(1, 40, 2)), np.uint8)
-    sizes = [int(n) for n in rng.choice([0, 1, 2 ** 11, 2 ** 14, 2 ** 15 - 1, 2 ** 16 - 1], 2)]
-    if rng.random() < 0.5:
-        data = _with_png_sizes(cv2.imencode('.png', pixels)[1].tobytes(), sizes)
-    else:
-        data = _with_jpeg_sizes(cv2.imencode('.jpg', pixels)[1].tobytes(), sizes)
-    if rng.random() < 0.3:
-        data = data[:int(rng.integers(1, len(data) + 1))]
-    message = SimpleNamespace(format='jpeg', data=np.frombuffer(data, np.uint8))
-    read = grey_from_message if rng.random() < 0.7 else bgr_from_message
-    return lambda: read(message, 'image')
-
-
-def _with_png_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
-    """Return a PNG file that states another width and height, with a correct checksum."""
-    head = data[12:16] + struct.pack('>II', *sizes) + data[24:29]
-    return data[:12] + head + struct.pack('>I', zlib.crc32(head)) + data[33:]
-
-
-def _with_jpeg_sizes(data: bytes, sizes: Sequence[int]) -> bytes:
-    """Return a JPEG file that states another height and width."""
-    at = data.index(b'\xff\xc0') + 5
-    return data[:at] + struct.pack('>HH', *sizes) + data[at + 4:]
-
-
-def _info_case(rng: Rng, folder: Path) -> Callable[[], object]:
-    """Return a pair of ``CameraInfo`` with unusual fields; if accepted, the rig must work."""
-    left, right = _info('left'), _info('right')
-    for _ in range(int(rng.integers(1, 4))):
-        message = (left, right)[int(rng.integers(2))]
-        field = str(rng.choice(['k', 'd', 'r', 'p', 'width', 'height', 'distortion_model']))
-        value = getattr(message, field)
-        if isinstance(value, list):
-            setattr(message, field, _strange_matrix(rng, value))
-        elif field == 'distortion_model':
-            setattr(message, field, str(rng.choice(['', 'plumb_bob', 'equidistant', 'fisheye',
-                                                    'rational_polynomial'])))
-        else:
-            setattr(message, field, int(rng.choice([0, 1, 64, 2 ** 16, 2 ** 32 - 1])))
-
-    def use() -> object:
-        rig = rig_from_info(left, right, 'camera_info')
-        points_m = np.array([[0.0, 0.0, 10.0], [1.0, -1.0, 50.0], [0.0, 0.0, -1.0]])
-        left_px = rig.project(points_m)[0]
-        rig.triangulate(left_px, left_px)
-        return None
-    return use
-
-
-def _strange_matrix(rng: Rng, values: list[float]) -> list[float]:
-    """Return a matrix with one number changed, or with another number of elements."""
-    numbers = [float(v) for v in STRANGE if isinstance(v, (int, float)) and abs(v) < 1e308]
-    out = list(values)
-    if not out:  # cut to nothing before
-        return [0.0]
-    if rng.random() < 0.2:
-        return out[:int(rng.integers(len(out) + 1))]
-    out[int(rng.integers(len(out)))] = float(rng.choice([*numbers, float('nan'), float('inf'),
-                                                         1e308]))
-    return out
-
-
-def _info(side: str) -> SimpleNamespace:
-    shift = -16.0 if side == 'right' else 0.0
-    return SimpleNamespace(
-        width=64, height=48, distortion_model='plumb_bob', d=[0.0] * 5,
-        k=[32.0, 0.0, 31.5, 0.0, 32.0, 23.5, 0.0, 0.0, 1.0],
-        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[32.0, 0.0, 31.5, shift, 0.0, 32.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0],
-        header=SimpleNamespace(frame_id='left'))
 
 
 def _bag_case(storage: str) -> Case:
@@ -454,9 +282,9 @@ SUBJECTS: Mapping[str, Case] = {
     'polygons file': _yaml_case('map.yaml', _POLYGONS, load_regions),
     'boxes': _bytes_case('boxes.csv', lambda: _BOXES, load_boxes),
     'truth': _bytes_case('truth.csv', lambda: (SAMPLE / 'truth.csv').read_bytes(), read_truth),
-    'image message': _image_case,
-    'image whose sizes lie': _bomb_case,
-    'CameraInfo': _info_case,
+    'image message': image_case,
+    'image whose sizes lie': bomb_case,
+    'CameraInfo': info_case,
     'MCAP bag': _bag_case('mcap'),
     'SQLite bag': _bag_case('sqlite3'),
     'ROS 1 bag': _bag_case('ros1'),
@@ -471,62 +299,3 @@ SUBJECTS: Mapping[str, Case] = {
 _SLOW = ('evidence folder', 'replay, damaged images', 'replay, damaged files')
 _READERS = [name for name in SUBJECTS if name not in _SLOW]
 _ORDER = _READERS * 6 + ['MCAP bag'] * 8 + [*_SLOW, 'evidence folder']
-
-
-# -- bounds -----------------------------------------------------------------------------------
-
-
-@contextmanager
-def _stderr_in(path: Path) -> Iterator[None]:
-    """Redirect standard error, also of C libraries, to a file."""
-    saved = os.dup(2)
-    with path.open('w', buffering=1) as file:
-        os.dup2(file.fileno(), 2)
-        try:
-            with redirect_stderr(file):
-                yield
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-
-
-@contextmanager
-def _within(seconds: float) -> Iterator[None]:
-    """Raise if a block takes too long."""
-    def stop(number: int, frame: Optional[FrameType]) -> None:
-        raise _TooLongError
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.signal(signal.SIGVTALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, 6 * seconds)
-    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        signal.signal(signal.SIGALRM, before)
-
-
-def _fault_of_stderr(told: str, refused: bool) -> str:
-    """Return what is wrong with the output on standard error; empty where it is allowed."""
-    lines = told.splitlines()
-    if refused and len(lines) == 1 and lines[0].startswith('error: ') and told.endswith('\n'):
-        return ''
-    warned = [line for line in lines if not line.startswith('warning: ')]
-    return f'wrote to standard error: {json.dumps(told[:400])}' if refused or warned else ''
-
-
-def _reset_peak() -> float:
-    """Reset the peak of memory, and return the memory in use, MB."""
-    try:
-        Path('/proc/self/clear_refs').write_text('5')
-    except OSError:
-        pass
-    return _status_mb('VmRSS')
-
-
-def _status_mb(key: str) -> float:
-    for line in Path('/proc/self/status').read_text().splitlines():
-        if line.startswith(key + ':'):
-            return int(line.split()[1]) / 1024
-    return 0.0

@@ -16,8 +16,8 @@ from ..sim.traffic_config import LIGHTS, traffic_config
 from ...batch.job import failures
 from ...batch.runner import run_jobs
 from ...cli.options import number_in, report_failures
-from ...core.config import TrackerConfig
 from ...core.errors import InputError
+from ...core.tracker_config import TrackerConfig
 from ...io.atomic import prepare_folder
 from ...pipeline.config import PipelineConfig, SiteConfig
 from ...steadying.config import SteadyingConfig

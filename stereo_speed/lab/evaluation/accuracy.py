@@ -16,8 +16,8 @@ from .random_passes import draw_pass, RandomPass
 from .scorer import SequenceRun, VehicleRun
 from .tables import Cell, mph, shown, signed, Table, table_by_kind
 from ...batch.job import Job, Result
-from ...core.config import TrackerConfig
 from ...core.passes import VehicleClass
+from ...core.tracker_config import TrackerConfig
 from ...core.units import MPH_MPS
 
 COLUMNS = ('', 'passes', 'measured', 'mean error, mph', 'sd, mph', 'max, mph',

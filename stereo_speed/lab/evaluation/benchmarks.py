@@ -23,8 +23,8 @@ import numpy as np
 
 from .tables import Cell, Table
 from ...core.compiled import REGISTRY
-from ...core.config import TrackerConfig
 from ...core.records import Array, InitialFront, StereoPair
+from ...core.tracker_config import TrackerConfig
 from ...detection import patch_kernels
 from ...estimation.particle_filter import weigh
 from ...estimation.weights import mean_and_covariance

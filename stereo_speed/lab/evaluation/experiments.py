@@ -20,7 +20,7 @@ from .labeled_sequence import (
 from .paper_sequences import find_sequence, rate_std
 from .scorer import SequenceRun, VehicleRun
 from ...batch.job import Job, Result
-from ...core.config import TrackerConfig, VisibilityConfig
+from ...core.tracker_config import TrackerConfig, VisibilityConfig
 from ...pipeline.registry import TRACKERS
 
 # As in the papers, trackers are compared by all readings, however uncertain.

@@ -15,8 +15,8 @@ import yaml
 from .scorer import beside_truth, SequenceRun
 from ..sim.config import SimConfig
 from ..sim.sequence import SimSequence, simulate
-from ...core.config import TrackerConfig
 from ...core.records import InitialFront, StereoPair
+from ...core.tracker_config import TrackerConfig
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.truth import read_truth, truth_of_rows, VehicleTruth

@@ -19,9 +19,9 @@ from .scorer import vehicle_run
 from .tables import Cell, mph, Table
 from ..sim.config import SimConfig, straight_config, VehicleConfig
 from ...batch.job import Job, Result
-from ...core.config import TrackerConfig
 from ...core.passes import TrackEnd
 from ...core.records import TrackState
+from ...core.tracker_config import TrackerConfig
 from ...core.units import MPH_MPS
 from ...pipeline.config import PipelineConfig
 from ...pipeline.run import run

@@ -19,9 +19,9 @@ from .labeled_sequence import LabeledSequence, LineKnowledge, simulated_sequence
 from .metrics import greatest, mean, rms, std
 from .tables import Cell, mph, shown, signed, Table, table_by_kind
 from ...batch.job import Job, Result
-from ...core.config import TrackerConfig
 from ...core.passes import PassResult, SecondEstimate, time_shares, Verdict
 from ...core.records import Array, StereoPair, TrackUpdate
+from ...core.tracker_config import TrackerConfig
 from ...geometry.rig import StereoRig
 from ...pipeline.config import PipelineConfig
 from ...pipeline.pipeline import Step

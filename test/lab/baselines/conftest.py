@@ -8,8 +8,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.records import InitialFront, StereoPair
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.baselines.points import ExpectedFront, Points

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_speed.core.config import VerdictConfig, VisibilityConfig
 from stereo_speed.core.passes import Reason, TrackEnd, Verdict
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.tracker_config import VerdictConfig, VisibilityConfig
 from stereo_speed.lab.baselines.baseline import Baseline, Estimate
 from stereo_speed.lab.baselines.settings import MotionSettings
 from stereo_speed.lab.baselines.speed_profile import Profile

@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.lab.baselines.settings import FlowSettings, PointSettings
 from stereo_speed.lab.sim.config import RigConfig, straight_config
 from stereo_speed.lab.sim.sequence import simulate

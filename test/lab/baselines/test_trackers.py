@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import norm
-from stereo_speed.core.config import TrackerConfig, VisibilityConfig
 from stereo_speed.core.passes import Verdict
 from stereo_speed.core.records import TrackState
+from stereo_speed.core.tracker_config import TrackerConfig, VisibilityConfig
 from stereo_speed.lab.sim.config import SimConfig, VehicleConfig
 from stereo_speed.pipeline.registry import TRACKERS
 from stereo_speed.site.file import load_site

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stereo_speed.core.config import TrackerConfig
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.records import StereoPair
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.labeled_sequence import (
     bag_sequence, disturbed, LineKnowledge, read_back, run_tracker, simulated_sequence)

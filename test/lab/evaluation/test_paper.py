@@ -8,7 +8,7 @@ import io
 
 import pytest
 from stereo_speed.batch.job import Result
-from stereo_speed.core.config import TrackerConfig
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.lab.evaluation.experiments import plan, Runs
 from stereo_speed.lab.evaluation.paper import FINDINGS, TABLE_1A, TABLE_1B, TABLE_2A, TABLE_2B
