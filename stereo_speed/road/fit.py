@@ -47,7 +47,7 @@ FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot i
 _ASTRAY = 1.5
 # Reach of the road in distances of the last node: up to there the cubic through the last nodes
 # extrapolates within 2 mm, even on an arc of 41 m radius.
-_OVERREACH = 1.1
+OVERREACH = 1.1
 _LENGTHS = 3  # most lengths of the road that are tried until it reaches its picks
 _LONGER = REACH  # next half length as a multiple of the farthest foot, see _farthest_m
 _NARROW = 0.7  # lower bound of the robust scatter, as a share of the r.m.s. scatter
@@ -354,7 +354,7 @@ def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: P
 
 def _reaches(fit: RoadFit) -> bool:
     """Return whether a road is long enough for its picks, or agrees with them anyway."""
-    return (_farthest_m(fit) < _OVERREACH * float(fit.problem.model.s_m[-1])
+    return (_farthest_m(fit) < OVERREACH * float(fit.problem.model.s_m[-1])
             or fit.scale < _ASTRAY)
 
 

@@ -16,7 +16,7 @@ from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
 from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import (
-    _Squares, fit_road, log_chance, log_evidences, ROBUST, same_family)
+    _Squares, fit_road, log_chance, log_evidences, OVERREACH, ROBUST, same_family)
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
@@ -440,7 +440,7 @@ def test_road_reaches_the_end_of_partly_found_lines(make_scene, grade, twist, st
     fit = fit_road(scene.rig, lines, std_px and {
         name: tuple(np.full(len(view), std_px) for view in line) for name, line in lines.items()})
     assert fit.residual_px.max() < 0.3
-    assert np.abs(fit.feet.s_m).max() < fit.problem.model.s_m[-1]
+    assert np.abs(fit.feet.s_m).max() < OVERREACH * fit.problem.model.s_m[-1]
 
 
 @pytest.mark.parametrize('curvature', [0.0, -0.0063])
