@@ -20,6 +20,7 @@ _PACE = 20  # intervals that must have kept the pace before a step can be found
 _JITTER_S = 5e-4  # largest deviation of an interval that keeps the pace
 _STEP_S = 3e-3  # smallest deviation that is a step
 _MOST_PERIODS = 10  # longest gap, in periods, that the pace is carried over
+_GAPS = 256  # gaps that are remembered, more than a pass has
 _FEWEST = 5  # fewest intervals that tell how even the stamps are
 _FEWEST_ODD = 2  # fewest intervals that can show an odd one, by differing
 _NO_PACE = 0.15  # 1-sigma in periods above which there is no pace; uniform remainders give 0.2
@@ -32,13 +33,28 @@ _STRAY_SIGMAS = 4.0  # deviation of a stray in sigmas, beyond those of Gaussian 
 _MAD_SIGMA = 1.4826  # ratio of a Gaussian's 1-sigma to its median absolute deviation
 
 
+class Gap(NamedTuple):
+    """
+    An interval of several periods between two stamps: images are missing, or the clock was set.
+
+    :param after_ns: the stamp at its end, ns.
+    :param periods: its length in periods, at least 2.
+    :param period_s: the period of the stream, s.
+    """
+
+    after_ns: int
+    periods: int
+    period_s: float
+
+
 class StampWatch:
     """
     Finds steps of the clock and measures how even the stamps are; see the module's docstring.
 
     A stream with uneven intervals has no pace, so no steps are found in it. Missing images leave
-    gaps of whole periods, which are not steps. ``steps`` counts the steps, ``last_step_s`` is the
-    newest one.
+    gaps of whole periods, which are not steps; whether the clock was set forward by a whole number
+    of periods is for the images to tell (``tracking.clock_step``). ``steps`` counts the steps,
+    ``last_step_s`` is the newest one. ``gaps`` are the latest gaps.
     """
 
     def __init__(self) -> None:
@@ -46,6 +62,7 @@ class StampWatch:
         self._latest_s: deque[float] = deque(maxlen=_PACE)  # undivided intervals, without steps
         self._last_ns: Optional[int] = None
         self.steps, self.last_step_s = 0, 0.0
+        self.gaps: deque[Gap] = deque(maxlen=_GAPS)
         self._odd: dict[tuple[float, float, float], float] = {}  # odd_share at the newest stamp
 
     def add(self, ns: int) -> float:
@@ -65,6 +82,8 @@ class StampWatch:
         if periods > _MOST_PERIODS or abs(off_s) < _STEP_S:
             self._intervals_s.append(interval_s / periods)
             self._take(interval_s)
+            if periods > 1:
+                self.gaps.append(Gap(ns, periods, pace_s))
             return 0.0
         self.steps, self.last_step_s = self.steps + 1, off_s
         # The pace survives one step; repeated steps use up the intervals and so end the pace.
@@ -72,8 +91,9 @@ class StampWatch:
         return off_s
 
     def restart(self) -> None:
-        """Forget the last stamp, because time has jumped."""
+        """Forget the last stamp and the gaps, because time has jumped."""
         self._last_ns = None
+        self.gaps.clear()
 
     def unevenness_s(self, most_s: float) -> Optional[float]:
         """

@@ -43,8 +43,9 @@ class Intake:
         if update is None:
             track.trace.add(pair, particles, None, hurried=hurried, stamp_std_s=track.stamp_std_s)
             return None
-        track.doubted = track.lies or (
-            not track.confirmed and self._is_doubtful(track, update))
+        track.hidden = not holds(update) or (
+            track.hidden and not self._moves(self._as_sure(update)))
+        track.doubted = track.lies or self._is_doubtful(track, update)
         if track.doubted:
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
@@ -77,16 +78,24 @@ class Intake:
         """Return an update, tentative where its speed is too uncertain for a reading."""
         return update if is_sure(update, self.config.visibility) else update.unconfirmed()
 
+    def _moves(self, update: TrackUpdate) -> bool:
+        """Return whether an update shows that the vehicle moves."""
+        least_mps = self.config.association.moving_sigmas * update.speed_std_mps
+        return update.state is TrackState.CONFIRMED and update.speed_mps >= least_mps
+
     def _is_doubtful(self, track: Track, update: TrackUpdate) -> bool:
         """
-        Return whether a young track contradicts its detector's speed, or does not move.
+        Return whether a track does not move, or a young one contradicts its detector's speed.
 
         As time passes the vehicle may have changed its speed, but by no more than braking allows.
-        What seemed to move beside a vehicle may be road that the vehicle has uncovered.
+        What seemed to move beside a vehicle may be road that the vehicle has uncovered, and what
+        is found where a hidden vehicle was expected may be the road as well.
         """
         if track.detection is None or update.state is not TrackState.CONFIRMED:
             return False
-        if update.speed_mps < self.config.association.moving_sigmas * update.speed_std_mps:
+        if track.confirmed:
+            return track.hidden
+        if not self._moves(update):
             return True
         limits, age_s = self.config.association, (update.stamp_ns - track.found_ns) * 1e-9
         change_mps = 0.0 if age_s < limits.doubt_s else limits.braking_mps2 * age_s

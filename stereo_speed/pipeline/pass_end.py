@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Mapping, Optional
+from typing import Mapping, Optional, Sequence
 
 import numpy as np
 
 from .track import Track
 from ..classification.classes import is_edge
 from ..core.passes import Direction, PassResult, Reason, Verdict
+from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
 from ..road.lanes import LanePath
 from ..second.estimate import with_second
 from ..steadying.doubt import SpeedDoubt
+from ..tracking.protocol import SeesGaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class PassEnd:
     :param doubt: uncertainty due to the rig.
     :param lag_share: 1-sigma of the speed due to the view lag, as a share of it.
     :param rig_shares: lane name to 1-sigma of the speed due to a turned camera, as a share of it.
+    :param gaps: gaps of the stream, among them those in the pass.
     :param reason: why the pass is rejected in any case; None to let the measurement decide.
     """
 
@@ -37,11 +40,14 @@ class PassEnd:
     doubt: SpeedDoubt
     lag_share: float
     rig_shares: Mapping[str, float]
+    gaps: Sequence[Gap]
     reason: Optional[Reason]
 
     def __call__(self) -> PassResult:
         """Return the result of the pass."""
         track = self.track
+        if isinstance(track.tracker, SeesGaps):
+            track.tracker.see_gaps(self.gaps)
         result = replace(
             track.lanes.conclude(track.tracker.result()), vehicle=track.size.measured(),
             trace=track.trace.built(track.stamp_std_s))

@@ -591,7 +591,8 @@ class SpeedPipeline:
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
             PassEnd(
-                track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
+                track, self.lanes, self.config, self._doubt, lag_share, rig_shares,
+                tuple(self.stamp_watch.gaps), reason),
             partial(self._concluding.discard, track.tracker.track))
 
 

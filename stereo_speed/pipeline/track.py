@@ -43,7 +43,9 @@ class Track:
     :param second: second estimate of the speed; None where it is disabled.
     :param last: its newest update.
     :param confirmed: whether it has ever been confirmed.
-    :param doubted: whether it is doubted: its speed contradicts the detector's, or it lies.
+    :param doubted: whether it is doubted: its speed contradicts the detector's, it lies, or it has
+        not moved since it was hidden.
+    :param hidden: whether its vehicle has been hidden and not been seen moving since.
     :param lag_changes_s: sum of the changes of the time between the views when it began, s.
     :param clock_stepped: whether the clock of the stamps has stepped since it began.
     :param stamp_std_s: 1-sigma assumed for its stamps, s; None for the configured one.
@@ -68,6 +70,7 @@ class Track:
     last: Optional[TrackUpdate] = None
     confirmed: bool = False
     doubted: bool = False
+    hidden: bool = False
     lag_changes_s: float = 0.0
     clock_stepped: bool = False
     stamp_std_s: Optional[float] = None

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-from typing import Optional, Union
+from typing import Optional, Sequence, Union
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from .window import PhotometricWindow
 from ..core.config import NoParameters
 from ..core.passes import PassResult, TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
 from ..estimation.particle_filter import weigh
 from ..estimation.resampling import systematic
@@ -140,6 +141,10 @@ class ConstrainedTracker:
         """Assume another 1-sigma of all stamps of the pass, s."""
         self.window.doubt_stamps(stamp_std_s)
 
+    def see_gaps(self, gaps: Sequence[Gap]) -> None:
+        """Take in the gaps of the stream, before the result is asked for."""
+        self.window.gaps = gaps
+
     def unsolved_s(self, stamp_ns: int) -> float:
         """Return the age of its last solution, s; infinite where it must solve now."""
         if not (_coasts(self._reported) or self._goes_on(self._reported)):
@@ -208,7 +213,9 @@ class ConstrainedTracker:
     def result(self) -> PassResult:
         """Return the measurement of the pass from all its pairs, or why there is none."""
         solved = self.window.solve_pass() if self.life.stamps_ns else None
-        stamps_ns = [ns for ns in self.life.stamps_ns if solved and ns not in solved.occluded_ns]
+        stamps_ns = [] if solved is None else [
+            ns for ns in self.life.stamps_ns
+            if ns >= solved.posterior.first_ns and ns not in solved.occluded_ns]
         followed = Pass(track=self.track, lane=self.lane,
                         stamps_ns=stamps_ns or [self.life.first_ns],
                         solved=solved, extent_px=self.life.extent_px,

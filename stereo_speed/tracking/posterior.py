@@ -136,9 +136,11 @@ class SolvedPass:
     :param occluded_ns: stamps of the pairs in which the front is partly occluded.
     :param exact_stamps: (n, n) covariance of the speeds if stamps were exact.
     :param exact_path: (n, n) the same if the path's heading were exact as well.
+    :param clock_set: whether the clock of the stamps seems to have been set forward in it.
     """
 
     posterior: Posterior
     occluded_ns: frozenset[int]
     exact_stamps: Array
     exact_path: Array
+    clock_set: bool = False

@@ -9,13 +9,14 @@ through the entry-point group ``stereo_speed.trackers``.  ``CONTRIBUTING.md`` sh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Optional, Protocol, runtime_checkable, Union
+from typing import Any, Optional, Protocol, runtime_checkable, Sequence, Union
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..core.passes import PassResult
 from ..core.records import InitialFront, StereoPair, TrackUpdate
+from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
@@ -156,6 +157,18 @@ class DoubtsStamps(Protocol):
         Assume another 1-sigma of all stamps of the pass.
 
         :param stamp_std_s: replaces that of its parameters, s.
+        """
+
+
+@runtime_checkable
+class SeesGaps(Protocol):
+    """A tracker that can tell missing images from a clock that was set forward."""
+
+    def see_gaps(self, gaps: Sequence[Gap]) -> None:
+        """
+        Take in the gaps of the stream, before the result is asked for.
+
+        :param gaps: all that may lie in the pass, in order; others are to be ignored.
         """
 
 

@@ -92,16 +92,15 @@ class Solver:
         photometry = self._seen(window)
         give_way()
         images = self._for_poses(photometry, window, hypotheses)
-        log_prior = np.array([
-            math.log(h.share) + images[h.more_px].log_density for h in hypotheses])
+        log_prior, times_s = _log_prior(hypotheses, images), window.times_s
         log_evidence = np.array([answer.log_evidence for answer in _answers(
-            window, hypotheses, motion, images, covariances=False)])
+            times_s, window.states, hypotheses, motion, images, covariances=False)])
         counting = np.flatnonzero(
             with_onset_to_come(hypotheses, normalise_log_weights(log_prior + log_evidence))
             > NEGLIGIBLE)
         some = [hypotheses[int(k)] for k in counting]
-        with_onsets = PassOnsets(self.config, motion, window.times_s, window.states, some)
-        steady = _answers(window, some, motion, images, covariances=True)
+        with_onsets = PassOnsets(self.config, motion, times_s, window.states, some)
+        steady = _answers(times_s, window.states, some, motion, images, covariances=True)
         moments = [with_onsets(answer, h) for h, answer in zip(some, steady)]
         log_evidence[counting] = [answer.log_evidence for answer in moments]
         weights = normalise_log_weights(log_prior + log_evidence)
@@ -118,6 +117,23 @@ class Solver:
                     [answer for answer, w in zip(steady, shares) if w > _LIKELY],
                     [h for h, w in zip(some, shares) if w > _LIKELY],
                     int(window.index.speeds[-1]), self.config.visibility.unnoticed_braking_mps2))
+
+    def log_evidences(self, window: Window, motion: PassMotion, each_s: Sequence[Array]) -> Array:
+        """
+        Return the logarithms (k,) of the evidence of all hypotheses with other times.
+
+        Onsets of speed changes are left out.
+
+        :param motion: prior of the pass.
+        :param each_s: k arrays (n,) of times of the keyframes, to assume instead of their stamps.
+        """
+        hypotheses = self.hypotheses
+        images = self._for_poses(self._seen(window), window, hypotheses)
+        log_prior = _log_prior(hypotheses, images)
+        log_evidences = [[answer.log_evidence for answer in _answers(
+            times_s, window.states, hypotheses, motion, images, covariances=False)]
+            for times_s in each_s]
+        return np.asarray(np.logaddexp.reduce(log_prior + log_evidences, axis=1))
 
     def _seen(self, window: Window) -> Photometry:
         """Return the equations of the images of a window."""
@@ -140,17 +156,24 @@ class Solver:
             photometry.scattered(more_px), held, len(window.relief)) for more_px in scatters_px}
 
 
-def _answers(window: Window, hypotheses: Sequence[Hypothesis], motion: PassMotion,
+def _log_prior(hypotheses: Sequence[Hypothesis], images: Mapping[float, PoseEquations]) -> Array:
+    """Return the logarithms (h,) of hypotheses' shares, times the density of the images."""
+    return np.array([math.log(h.share) + images[h.more_px].log_density for h in hypotheses])
+
+
+def _answers(times_s: Array, states: Array, hypotheses: Sequence[Hypothesis], motion: PassMotion,
              images: Mapping[float, PoseEquations], *, covariances: bool) -> list[Moments]:
     """
     Return the answers of hypotheses, in their order, without onsets of speed changes.
 
+    :param times_s: (n,) times of the keyframes, s.
+    :param states: (n, 4) states to linearise at.
     :param images: scatter of the disparities to the equations of the images.
     :param covariances: whether to compute covariances; else they are empty.
     """
     scatters_px, equations = list(images), images.values()
     solved = answers(
-        motion, window.times_s, window.states, [h.motion for h in hypotheses],
+        motion, times_s, states, [h.motion for h in hypotheses],
         [scatters_px.index(h.more_px) for h in hypotheses], np.array([e.H for e in equations]),
         np.array([e.right for e in equations]), covariances=covariances)
     around = solved.covariances if covariances else np.zeros((len(hypotheses), 0, 0))

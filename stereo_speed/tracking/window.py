@@ -21,6 +21,7 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .blur_doubt import doubt_of_blur
+from .clock_step import clock_was_set
 from .hypotheses import Hypothesis, of_kin
 from .keyframes import Keyframe, least_gap, Window
 from .motion_prior import headings, lateral_rates, PassMotion, PassMotions, StateIndex
@@ -31,6 +32,7 @@ from .relief import node_weights
 from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
 from .solution import NEGLIGIBLE, Solution, Solver
 from ..core.records import Array, StereoPair
+from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
 
 _FAR_PX = 0.5  # iterations go on while observations move further than this
@@ -79,6 +81,7 @@ class PhotometricWindow:
     def __init__(self, sampler: ObservationSampler, motions: PassMotions, config: TrackerConfig
                  ) -> None:
         self.sampler, self.motions, self.config = sampler, motions, config
+        self.gaps: Sequence[Gap] = ()  # of the stream, where the clock may have been set forward
         self._solver = Solver(sampler.relief_basis, config)
         nodes = sampler.relief_basis.shape[1]
         self._window = Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
@@ -212,7 +215,8 @@ class PhotometricWindow:
         of_speeds = doubt[3::4, 3::4]
         return SolvedPass(
             posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
-            _given_heading(covariance, at) + of_speeds)
+            _given_heading(covariance, at) + of_speeds,
+            clock_was_set(window, self._solver, self.motions.assumed, self.gaps))
 
     def _begun_where_shown(self) -> Optional[Posterior]:
         """
@@ -243,7 +247,9 @@ class PhotometricWindow:
         s_m, *offset_m = window.states[k, :3]
         prior = replace(self.motions.prior, s_m=float(s_m), s_std_m=_ANYWHERE_M,
                         offset_m=np.array(offset_m))
-        return PhotometricWindow(self.sampler, self.motions.begun_at(prior), self.config)
+        begun = PhotometricWindow(self.sampler, self.motions.begun_at(prior), self.config)
+        begun.gaps = self.gaps
+        return begun
 
     def _doubt_of_blur(self, window: Window, posterior: Posterior) -> Array:
         """Return the covariance (4 n, 4 n) to add to a pass for making views equally sharp."""

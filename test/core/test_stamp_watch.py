@@ -3,7 +3,7 @@
 """Steps of the clock are distinguished from lost images, jitter and uneven exposures."""
 import numpy as np
 import pytest
-from stereo_speed.core.stamp_watch import StampWatch
+from stereo_speed.core.stamp_watch import Gap, StampWatch
 
 PERIOD_NS = 200_000_000
 THIRTIETH_NS = 33_333_333
@@ -23,6 +23,15 @@ def test_step_is_found_once(step_ns):
 
 def test_missing_images_are_no_step():
     assert steps_s(PERIOD_NS * np.delete(np.arange(80), [30, 31, 45, 60, 61, 62])) == []
+
+
+def test_gaps_of_whole_periods_are_remembered_until_time_jumps():
+    watch = StampWatch()
+    for ns in np.delete(PERIOD_NS * np.arange(100), [30, 31, *range(50, 70)]):
+        watch.add(int(ns))
+    assert list(watch.gaps) == [Gap(32 * PERIOD_NS, 3, 0.2), Gap(70 * PERIOD_NS, 21, 0.2)]
+    watch.restart()
+    assert not watch.gaps
 
 
 def test_small_jitter_is_no_step():

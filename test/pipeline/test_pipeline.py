@@ -27,6 +27,7 @@ from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.tracking.constrained import ConstrainedTracker
 from stereo_speed.tracking.lane_assigner import LaneAssigner
 from stereo_speed.tracking.upright import Upright
 import yaml
@@ -268,6 +269,46 @@ def test_flat_marking_is_not_published(scene, found, monkeypatch):
     else:
         assert [(p.verdict, p.reason) for p in passes] == [('measured', '')]
         assert TrackState.CONFIRMED in states
+
+
+def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeypatch):
+    """Only its images can tell missing ones from a clock that was set forward by whole periods."""
+    sequence, lanes, marks = scene
+    told = []
+    monkeypatch.setattr(ConstrainedTracker, 'see_gaps', lambda _, gaps: told.extend(gaps))
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks[:1])
+    stamps_ns = [pair.stamp_ns for pair in sequence.pairs]
+    period_ns = stamps_ns[1] - stamps_ns[0]
+    for k in range(-21, 0):  # a pace is known after twenty intervals
+        pipeline.stamp_watch.add(stamps_ns[0] + k * period_ns)
+    for pair in sequence.pairs[:2] + sequence.pairs[3:]:
+        pipeline.process(pair)
+    result, = pipeline.finish()
+    assert result.verdict is Verdict.MEASURED
+    gap, = told
+    assert (gap.after_ns, gap.periods) == (stamps_ns[3], 2)
+    assert gap.period_s == pytest.approx(period_ns * 1e-9)
+
+
+@pytest.mark.parametrize('braked_to_mps, verdict', [(0.0, 'doubted'), (5.0, 'reading')])
+def test_vehicle_that_was_hidden_has_to_move_before_it_is_read(scene, braked_to_mps, verdict):
+    """What is found where a hidden vehicle was expected may be the road."""
+    pipeline, _ = automatic(scene, scene[2][:1], {0})
+    for pair in scene[0].pairs[:5]:
+        update, = pipeline.process(pair).updates
+    track, = pipeline._roster.tracks
+    assert update.state is TrackState.CONFIRMED
+
+    def taken(**changes):
+        return pipeline._intake.take(track, pair, None, replace(update, **changes))
+    standing = taken(speed_mps=0.0, speed_std_mps=0.3)
+    assert standing.state is TrackState.CONFIRMED  # it was seen stopping
+    taken(state=TrackState.COASTING)
+    for _ in range(3):
+        again = taken(speed_mps=braked_to_mps, speed_std_mps=0.3)
+        assert (again.state is TrackState.CONFIRMED) == (verdict == 'reading')
+    assert taken().state is TrackState.CONFIRMED
+    assert taken(speed_mps=0.0, speed_std_mps=0.3).state is TrackState.CONFIRMED
 
 
 @pytest.mark.parametrize('stepped, reason', [

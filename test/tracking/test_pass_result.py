@@ -93,6 +93,7 @@ def test_speed_is_the_time_mean_despite_left_out_observations():
     ('implausible', {'speeds': (20.0, 20.0, -1.0, 20.0, 20.0)}),
     ('implausible', {'speeds': (20.0, 20.0, 40.0, 20.0, 20.0)}),
     ('implausible', {'speeds': (95.0,) * 5}),
+    ('implausible', {'speeds': (0.2,) * 5, 'std': 0.2}),  # nothing that moves
 ])
 def test_each_reason_for_rejection(reason, changes):
     result = conclude(found(**changes), rig(), EXACT)
@@ -119,3 +120,9 @@ def test_pass_of_a_too_uncertain_rig_is_rejected():
     assert conclude(replace(turned, lane=lane), rig(), EXACT).reason == 'rig_uncertain'
     loose = replace(EXACT, max_scale_std_share=0.01)
     assert conclude(replace(turned, lane=lane), rig(), loose).verdict is Verdict.MEASURED
+
+
+def test_pass_in_which_the_clock_was_set_is_rejected():
+    one = found()
+    solved = replace(one.solved, clock_set=True)
+    assert conclude(replace(one, solved=solved), rig(), EXACT).reason == 'stamps_uncertain'

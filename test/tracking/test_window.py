@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.stamp_watch import Gap
 from stereo_speed.core.tracker_config import EffortConfig, NoiseConfig, TrackerConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.motion_prior import PassMotions, PassPrior
@@ -20,6 +21,8 @@ from stereo_speed.tracking.window import PhotometricWindow
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 4)
+PERIOD_NS = 100_000_000  # of the textured drive
+BEFORE = 4  # pairs before a gap of its stamps
 MPS = 20.0
 SECOND = 1_000_000_000
 
@@ -500,3 +503,26 @@ def test_passes_of_unknown_doubt_keep_the_prior_uncertainty(textured, textured_d
     """Twice 10 m/s, common to all pairs: from both solutions with less blur."""
     doubt = doubt_of_speeds(textured, textured_drive, sampler)
     np.testing.assert_allclose(doubt, 200.0, rtol=1e-6)
+
+
+def window_with_gap(textured, textured_drive, *, missing, set_forward):
+    """Return a window of a pass that ends with a gap, and the gap of its stamps."""
+    pairs, poses = textured_drive
+    kept = [k for k in range(len(pairs)) if not BEFORE <= k < BEFORE + missing]
+    stamps = {k: pairs[k].stamp_ns + (k >= BEFORE) * set_forward * PERIOD_NS for k in kept}
+    window = window_of(textured, poses[0])
+    posteriors = feed(window, [replace(
+        pairs[k], stamp_ns=stamps[k], right_stamp_ns=stamps[k]) for k in kept], poses[kept])
+    assert posteriors[-1].unoccluded.all()
+    return window, Gap(stamps[BEFORE + missing], 1 + missing + set_forward, PERIOD_NS * 1e-9)
+
+
+@pytest.mark.parametrize('missing, set_forward', [(0, 1), (0, 2), (0, 4), (2, 0), (5, 0), (2, 1)])
+def test_clock_set_forward_is_told_from_missing_images(
+        textured, textured_drive, missing, set_forward):
+    """At 20 m/s a period is 2 m of the way, and the front is known to some centimetres."""
+    window, gap = window_with_gap(
+        textured, textured_drive, missing=missing, set_forward=set_forward)
+    assert not window.solve_pass().clock_set  # it does not know of the gap
+    window.gaps = [Gap(gap.after_ns - 10 ** 12, 4, 0.1), gap, Gap(gap.after_ns + 10 ** 12, 4, 0.1)]
+    assert window.solve_pass().clock_set == (set_forward > 0)
