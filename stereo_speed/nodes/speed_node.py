@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from .common import qos_options, RELIABLE, run
 from .diagnostics import Diagnostics
-from .health import State, Tally
+from .health import ERROR, Neighbours, State, Tally
 from .speeds import speed_of
 
 
@@ -30,8 +30,9 @@ class SpeedNode(Node):
         self.publisher = self.create_publisher(
             TwistWithCovarianceStamped, 'vehicle_speed', RELIABLE,
             qos_overriding_options=qos_options())
-        self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
-                                 qos_overriding_options=qos_options())
+        tracks = self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
+                                          qos_overriding_options=qos_options())
+        self.trackers = Neighbours(tracks.get_publisher_count)
         self.diagnostics = Diagnostics(self, {'readings': self.state})
 
     def on_track(self, track: Odometry) -> None:
@@ -44,10 +45,12 @@ class SpeedNode(Node):
         self.published.add()
 
     def state(self) -> State:
-        """Return counts for ``/diagnostics``; an empty road is no fault."""
-        return State('publishing', values={
+        """Return counts for ``/diagnostics``; an empty road is no fault, a missing tracker is."""
+        state = State('publishing', values={
             'published': self.published.total, 'withheld': self.withheld,
             'published_hz': round(self.published.rate_hz, 2)})
+        self.trackers.tell(state, ERROR, 'nobody publishes tracks', 'publishers')
+        return state
 
 
 main = partial(run, SpeedNode)
