@@ -19,7 +19,7 @@ class SpeedNode(Node):
     """
     Publishes the speed of each confirmed track, one message per vehicle and pair.
 
-    ``header.stamp`` is that of the pair, ``header.frame_id`` is ``vehicle_<id>``,
+    ``header.stamp`` is that of the pair, ``header.frame_id`` is ``vehicle_<track>``,
     ``twist.linear.x`` is in m/s and ``covariance[0]`` is its variance.  Tracks that are not
     confirmed have no measurement, which their variance shows, and are left out.
     """
