@@ -36,7 +36,8 @@ FENCE = re.compile(r'^ *```([^\n]*)\n(.*?)^ *```', re.MULTILINE | re.DOTALL)
 IDENTIFIER = re.compile(r'[a-z]{2,}(_[a-z0-9]+)+|([A-Z][a-z]+){2,}|[A-Z]+(_[A-Z]+)+')
 MADE = ('out', 'build')  # folders that commands make
 FOREIGN = {'message_filters', 'cv_bridge', 'camera_calibration', 'robot_localization',
-           'image_view', 'image_saver', 'diagnostic_updater', 'vision_msgs',
+           'image_view', 'image_saver', 'diagnostic_updater', 'diagnostic_aggregator',
+           'vision_msgs', 'respawn_max_retries',
            'u_matching', 'u_path', 'u_stamps', 'u_calibration',
            'site_left', 'site_right'}  # names of other packages, of formulas and of pictures
 TRUE_MPH = 55.0  # of the sample

@@ -22,6 +22,7 @@ WINDOW_S = 5.0
 SILENT_S = 2.0  # silence that is an error if it also lasts for SILENT_INTERVALS
 SILENT_INTERVALS = 5  # in multiples of the last interval between messages
 _LOG_S = 1.0  # least time between two log lines about the same topic
+NEIGHBOUR_START_S = 10.0  # a node is up in 5 s on a slow machine, and discovered within 3 s
 
 Value = Union[int, float, str]
 
@@ -284,3 +285,33 @@ class Arrivals:
             state.find(ERROR, f'no {what} for {self.age_s:.0f} s')
         elif not self.tally.total:
             state.find(WARN, f'no {what} yet')
+
+
+class Neighbours:
+    """
+    Detects that no node is at the other end of a topic.
+
+    Nodes start in any order, so until one has been there, its absence is a finding only after
+    ``NEIGHBOUR_START_S``.  After that it is one immediately.
+
+    :param count: returns the number of nodes at the other end.
+    :param clock: steady time, s.
+    """
+
+    def __init__(self, count: Callable[[], int],
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self._count, self._clock = count, clock
+        self._since_s, self._seen = clock(), False
+
+    def tell(self, state: State, level: bytes, message: str, key: str) -> None:
+        """
+        Add their number to a state, and a finding if there are none.
+
+        :param level: level of the finding.
+        :param message: text of the finding.
+        :param key: name of the number.
+        """
+        count = state.values[key] = self._count()
+        self._seen = self._seen or count > 0
+        if not count and (self._seen or self._clock() - self._since_s > NEIGHBOUR_START_S):
+            state.find(level, message)

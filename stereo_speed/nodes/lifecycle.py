@@ -84,6 +84,7 @@ class MeasuringNode(LifecycleNode):
         """End everything, because the node stops."""
         self.forget()
         self.measuring.self_test.close()
+        self.measuring.outputs.close()
 
     def begin(self) -> None:
         """

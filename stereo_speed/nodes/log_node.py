@@ -32,12 +32,10 @@ class LogNode(Node):
 
     def __init__(self) -> None:
         super().__init__('log_node')
-        parameters = Parameters(self)
-        path = parameters.get('file', 'passes.sqlite', 'SQLite file; an existing one is '
-                              'appended to')
-        sync_s = parameters.get('sync_s', 1.0, 'interval at which readings are synced to the '
-                                'disk [s]',
-                                0.05, 3600.0)
+        p = Parameters(self)
+        path = p.get('file', 'passes.sqlite', 'SQLite file; an existing one is appended to')
+        sync_s = p.get('sync_s', 1.0, 'interval at which readings are synced to the disk [s]',
+                       0.05, 3600.0)
         self.log = PassLog(Path(path).expanduser())
         self.passes = self.tracks = self.refused = 0
         self.fault = ''

@@ -8,20 +8,17 @@ import threading
 import time
 from typing import Any, Mapping, Optional, Sequence
 
-import cv2
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
-from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from .common import (
-    byte_array, image_message, LATCHED, latched_options, LATEST, Parameters, qos_options,
-    RELIABLE, to_stamp)
+from .common import LATCHED, latched_options, LATEST, Parameters, qos_options, RELIABLE
 from .frames import StaticFrames
 from .messages import deletions, markers, odometry, path_markers
+from .overlay import Overlay
 from .speeds import speed_of
 from ..core.passes import PassResult
 from ..core.records import StereoPair, TrackUpdate
@@ -32,11 +29,9 @@ from ..io.trace_json import trace_text
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.config import PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
-from ..report.overlay import draw
 
 _ACK_WAIT = Duration(seconds=1)  # time for delivery of the last passes when the node stops
 _LEAST_LIFETIME_S, _LIFETIME_INTERVALS = 0.5, 2.5  # lifetime of markers: least, and in intervals
-_JPEG_QUALITY = 80
 _STATIC_WAIT_S = 1.0  # longest time that static messages wait until no pair is queued
 
 
@@ -52,6 +47,7 @@ class Outputs:
     def __init__(self, node: Node, p: Parameters, *, speeds: bool = False) -> None:
         self.log, self.run = node.get_logger(), new_run()
         self._frames = StaticFrames(node, p)
+        self._overlay = Overlay(node, p, self._frames.right)
         self._last_ns = 0
         self._readings: set[tuple[int, int]] = set()  # published ones of a pair: stamp and track
         # The instrument is published by two threads, of measuring and of self-tests.
@@ -67,9 +63,6 @@ class Outputs:
                                          qos_overriding_options=qos_options())
         self.tracks = publisher(Odometry, 'tracks')
         self.track_states = publisher(String, 'track_states')
-        self.overlay = publisher(Image, 'overlay/image_raw')
-        self.right_overlay = publisher(Image, 'overlay/right/image_raw')
-        self.compressed = publisher(CompressedImage, 'overlay/image_raw/compressed')
         self.speeds = publisher(TwistWithCovarianceStamped, 'vehicle_speed') if speeds else None
         self.passes, self.traces, self.instrument = (node.create_publisher(
             String, topic, LATCHED, qos_overriding_options=latched_options())
@@ -149,7 +142,7 @@ class Outputs:
         if step.updates and self.markers.get_subscription_count():
             self.markers.publish(MarkerArray(markers=[
                 m for u in step.updates for m in markers(u, frame_id, lifetime_s)]))
-        self._publish_overlay(pipeline, pair, step)
+        self._overlay.show(pipeline, pair, step.updates)
         self.end(pipeline, step.passes)
 
     def end(self, pipeline: SpeedPipeline, results: Sequence[PassResult]) -> None:
@@ -167,26 +160,9 @@ class Outputs:
         """Wait until the last passes have reached all subscribers."""
         self.passes.wait_for_all_acked(_ACK_WAIT)
 
-    def _publish_overlay(self, pipeline: SpeedPipeline, pair: StereoPair, step: Step) -> None:
-        """Publish the overlay if there are subscribers, as drawing costs more than tracking."""
-        raw, compressed = (bool(p.get_subscription_count())
-                           for p in (self.overlay, self.compressed))
-        if self.right_overlay.get_subscription_count():
-            right = draw(pair, step.updates, pipeline.lanes, pipeline.rig, right=True)
-            self.right_overlay.publish(image_message(
-                right, ns=pair.right_stamp_ns, frame_id=self._frames.right))
-        if not raw and not compressed:
-            return
-        frame_id = pipeline.rig.frame_id
-        image = draw(pair, step.updates, pipeline.lanes, pipeline.rig)
-        if raw:
-            self.overlay.publish(image_message(image, ns=pair.stamp_ns, frame_id=frame_id))
-        if compressed:
-            msg = CompressedImage(format='bgr8; jpeg compressed bgr8')
-            msg.header.stamp, msg.header.frame_id = to_stamp(pair.stamp_ns), frame_id
-            msg.data = byte_array(cv2.imencode(
-                '.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
-            self.compressed.publish(msg)
+    def close(self) -> None:
+        """End the thread that draws, because the node stops."""
+        self._overlay.close()
 
 
 def _line(result: PassResult) -> str:

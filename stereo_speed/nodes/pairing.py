@@ -127,6 +127,8 @@ class Pairing:
             grey = self._grey(side, msg)
         except InputError as error:
             self.refusals.add(f'{side}/image_raw', error)
+            if ns > of.last_ns:  # it came, so its stamp is not missing
+                of.lost.add(of.gaps.add(ns))
             return
         of.arrivals.add()
         of.look.add(grey)

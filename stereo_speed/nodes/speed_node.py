@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from .common import qos_options, RELIABLE, run
 from .diagnostics import Diagnostics
-from .health import State, Tally
+from .health import ERROR, Neighbours, State, Tally
 from .speeds import speed_of
 
 
@@ -19,7 +19,7 @@ class SpeedNode(Node):
     """
     Publishes the speed of each confirmed track, one message per vehicle and pair.
 
-    ``header.stamp`` is that of the pair, ``header.frame_id`` is ``vehicle_<id>``,
+    ``header.stamp`` is that of the pair, ``header.frame_id`` is ``vehicle_<track>``,
     ``twist.linear.x`` is in m/s and ``covariance[0]`` is its variance.  Tracks that are not
     confirmed have no measurement, which their variance shows, and are left out.
     """
@@ -30,8 +30,9 @@ class SpeedNode(Node):
         self.publisher = self.create_publisher(
             TwistWithCovarianceStamped, 'vehicle_speed', RELIABLE,
             qos_overriding_options=qos_options())
-        self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
-                                 qos_overriding_options=qos_options())
+        tracks = self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
+                                          qos_overriding_options=qos_options())
+        self.trackers = Neighbours(tracks.get_publisher_count)
         self.diagnostics = Diagnostics(self, {'readings': self.state})
 
     def on_track(self, track: Odometry) -> None:
@@ -44,10 +45,12 @@ class SpeedNode(Node):
         self.published.add()
 
     def state(self) -> State:
-        """Return counts for ``/diagnostics``; an empty road is no fault."""
-        return State('publishing', values={
+        """Return counts for ``/diagnostics``; an empty road is no fault, a missing tracker is."""
+        state = State('publishing', values={
             'published': self.published.total, 'withheld': self.withheld,
             'published_hz': round(self.published.rate_hz, 2)})
+        self.trackers.tell(state, ERROR, 'nobody publishes tracks', 'publishers')
+        return state
 
 
 main = partial(run, SpeedNode)

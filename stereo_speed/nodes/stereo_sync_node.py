@@ -15,6 +15,7 @@ from sensor_msgs.msg import Image
 
 from .common import PAIR_TOPIC, Parameters, qos_options, RELIABLE, run
 from .diagnostics import Diagnostics
+from .health import Neighbours, State, WARN
 from .pair import pair_message
 from .pairing import ImagePair, Pairing
 
@@ -28,13 +29,20 @@ class StereoSyncNode(Node):
             Image, PAIR_TOPIC, RELIABLE, qos_overriding_options=qos_options())
         self.pairing = Pairing(self, Parameters(self), self.publish)
         self.pairing.subscribe()
-        self.diagnostics = Diagnostics(self, self.pairing.tasks)
+        self.takers = Neighbours(self.publisher.get_subscription_count)
+        self.diagnostics = Diagnostics(self, {**self.pairing.tasks, 'pairs': self.state})
 
     def publish(self, pair: ImagePair) -> None:
         """Publish a pair as one message."""
         self.publisher.publish(pair_message(
             pair.left, pair.right, left_ns=pair.left_ns, right_ns=pair.right_ns,
             frame_id=pair.frame_id))
+
+    def state(self) -> State:
+        """Return the state of the pairs for ``/diagnostics``, and whether anybody takes them."""
+        state = self.pairing.tasks['pairs']()
+        self.takers.tell(state, WARN, f'nobody subscribes to {PAIR_TOPIC}', 'subscribers')
+        return state
 
 
 main = partial(run, StereoSyncNode)

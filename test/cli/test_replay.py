@@ -5,10 +5,14 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 from stereo_speed.cli.main import main
+from stereo_speed.core.compiled import VARIABLE
 from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.results import PASS_COLUMNS, TRACK_COLUMNS
 from stereo_speed.site.file import load_site
@@ -129,3 +133,27 @@ def test_refined_site_is_kept_and_never_overwrites_its_source(tmp_path, sample, 
     assert set(printed['turn_deg']) == {'pan', 'tilt', 'roll'}
     assert all(max(px) < 0.15 for px in printed['residual_px'].values())
     assert load_site(tmp_path / 'out' / 'site.yaml').correction is not None
+
+
+@pytest.mark.slow
+def test_plain_kernels_measure_the_same_speed_as_compiled_ones(sample, tmp_path):
+    """
+    They add up in another order, so results differ by rounding.
+
+    Both draw the same particles, so no result may differ by a notable part of its 1-sigma.
+    """
+    found = {}
+    for choice in ('compiled', 'plain'):  # one choice counts for a whole process
+        out = tmp_path / choice
+        subprocess.run(
+            [sys.executable, '-m', 'stereo_speed', 'replay', str(sample / 'bag'), '--site',
+             str(sample / 'site.yaml'), '--out', str(out), '--no-plots'],
+            env={**os.environ, VARIABLE: choice}, check=True, stdout=subprocess.DEVNULL)
+        summary = json.loads((out / 'summary.json').read_text())
+        assert summary['versions']['kernels'].startswith(choice)
+        found[choice], = rows(out / 'passes.csv')
+    plain, compiled = found['plain'], found['compiled']
+    assert plain['verdict'] == compiled['verdict'] == 'measured'
+    std_mps = float(compiled['speed_std_mps'])
+    for column in ('speed_mps', 'speed_std_mps', 'second_mps'):
+        assert float(plain[column]) == pytest.approx(float(compiled[column]), abs=0.01 * std_mps)

@@ -35,13 +35,15 @@ def test_live_readings_equal_replay(sample, tmp_path):
     wanted = {int(r['stamp_ns']): r for r in rows if r['state'] == 'confirmed'}
     readings, frames = live(sample, site, len(wanted), 2.0,
                             read_truth(sample / 'truth.csv')[0],
-                            parameters=[f'init:={sample / "init.yaml"}', PATIENT])
+                            parameters=[f'init:={sample / "init.yaml"}', PATIENT,
+                                        'overlay_hz:=1000'])
     assert [r[0] for r in readings] == sorted(wanted)
     for ns, vehicle, speed, std in readings:
         assert vehicle == 'vehicle_' + wanted[ns]['track']
         assert speed == pytest.approx(float(wanted[ns]['speed_mps']), abs=1e-5)
         assert std == pytest.approx(float(wanted[ns]['speed_std_mps']), abs=1e-5)
-    assert len(frames) == len(rows)  # an overlay for every pair, confirmed or not
+    stamps = {int(r['stamp_ns']) for r in rows}  # confirmed or not
+    assert frames and set(frames) <= stamps  # a pair that comes during a drawing is not drawn
 
 
 @pytest.mark.parametrize('node, parameters, words', [

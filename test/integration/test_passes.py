@@ -31,6 +31,7 @@ from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.pass_json import PASS_SCHEMA, TRACK_STATES_SCHEMA  # noqa: E402
 from stereo_speed.lab.cli.faults import helper_of  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
 SILENCE = 'silence_s:=4.0'  # a busy machine may interrupt a stream for a second
@@ -54,12 +55,12 @@ def line_of_the_listener_of_the_readme():
 
 def test_pass_is_published_at_the_end_of_the_stream_and_to_late_subscribers(
         stand_in, sample, tmp_path):
-    from stereo_speed.nodes.common import LATCHED, RELIABLE
+    from stereo_speed.nodes.common import LATCHED, LATEST, RELIABLE
     from stereo_speed.nodes.speeds import speed_of
     assert main(['replay', str(sample / 'bag'), '--site', str(sample / 'site.yaml'),
                  '--out', str(tmp_path), '--no-plots']) == 0
     row, = csv.DictReader((tmp_path / 'passes.csv').open())
-    tracks, states, early = [], [], []
+    tracks, states, early, lanes = [], [], [], []
     stand_in.create_subscription(Odometry, '/tracks', tracks.append, RELIABLE)
     stand_in.create_subscription(String, '/track_states', states.append, RELIABLE)
     stand_in.create_subscription(String, '/passes', early.append, LATCHED)
@@ -78,7 +79,10 @@ def test_pass_is_published_at_the_end_of_the_stream_and_to_late_subscribers(
                      'wait_for_topics:=stereo/image_pair'):
             stand_in.wait(lambda: early, STARTUP_S)
         late = line_of_the_listener_of_the_readme()
+        stand_in.create_subscription(MarkerArray, '/lane_markers', lanes.append, LATEST)
+        stand_in.wait(lambda: lanes, EVENT_S)
     assert len(early) == 1 and late == str(json.loads(early[0].data))
+    assert [m.ns for m in lanes[0].markers] == ['path'] * 3  # one deletes all, two are lanes
     found = json.loads(early[0].data)
     jsonschema.validate(found, json.loads(PASS_SCHEMA.read_text()))
     assert (found['track'], found['lane'], found['first_stamp_ns'], found['last_stamp_ns']) == (

@@ -69,7 +69,8 @@ def declared(*modules):
 
 def test_node_parameters_hold_what_the_tracker_node_declares():
     """Those from the launch file are comments there; two are mandatory."""
-    names = declared('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames')
+    names = declared('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames',
+                     'overlay')
     assert {'site', 'init', 'seed', 'autostart', 'self_test', 'road_frame'} <= set(names)
     text = (ROOT / 'config' / 'stereo_speed.params.yaml').read_text()
     lines = text.partition('tracker_node:')[2].partition('/**/')[0].splitlines()

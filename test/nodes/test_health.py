@@ -8,7 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from stereo_speed.nodes.health import (
-    Arrivals, ERROR, Look, OK, Refusals, Repeats, StampGaps, State, Tally, WARN, WINDOW_S)
+    Arrivals, ERROR, Look, Neighbours, OK, Refusals, Repeats, StampGaps, State, Tally, WARN,
+    WINDOW_S)
 
 PERIOD_NS = 33_333_333
 
@@ -172,3 +173,28 @@ def test_blank_images_are_reported(clock, grey, word, changing):
     state = State('fine')
     look.tell(state, 'right')
     assert state.level == ERROR and word in state.message
+
+
+def test_missing_neighbour_is_reported_late_at_the_start_and_at_once_afterwards(clock):
+    there = [0]
+    neighbours = Neighbours(lambda: there[0], clock)
+
+    def level():
+        return level_of(neighbours.tell, ERROR, 'nobody publishes', 'publishers')
+    clock.s += 9.9
+    assert level() == OK  # it may still be starting
+    clock.s += 0.2
+    assert level() == ERROR
+    for number, wanted in ((1, OK), (0, ERROR), (2, OK)):
+        there[0] = number
+        assert level() == wanted
+
+
+def test_neighbour_that_ends_soon_after_the_start_is_reported_at_once(clock):
+    numbers = iter((1, 0))
+    neighbours = Neighbours(lambda: next(numbers), clock)
+    assert level_of(neighbours.tell, WARN, 'nobody subscribes', 'subscribers') == OK
+    state = State('fine')
+    neighbours.tell(state, WARN, 'nobody subscribes', 'subscribers')
+    assert (state.level, state.message) == (WARN, 'nobody subscribes')
+    assert state.values == {'subscribers': 0}

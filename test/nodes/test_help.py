@@ -14,7 +14,7 @@ pytest.importorskip('rclpy')
 
 NODES = Path(__file__).resolve().parents[2] / 'stereo_speed' / 'nodes'
 LONGEST_S = 120.0
-_MEASURING = ('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames')
+_MEASURING = ('lifecycle', 'measuring_settings', 'self_test', 'rig_watch', 'frames', 'overlay')
 
 
 def declared(modules):
@@ -29,6 +29,7 @@ def declared(modules):
     ('stereo_sync_node', ('pairing', 'subscriptions', 'diagnostics')),
     ('speed_node', ('diagnostics',)),
     ('replay_node', ('replay_node',)),
+    ('log_node', ('log_node', 'diagnostics')),
     ('evidence_node', ('evidence_node',)),
     ('environment_node', ('environment_node',)),
     ('studio_node', ('studio_node',)),
@@ -38,4 +39,4 @@ def test_help_lists_every_parameter(node, modules, private_graph):
                            capture_output=True, text=True, timeout=LONGEST_S)
     told = {line.split()[0] for line in asked.stdout.splitlines() if line.startswith('  ')}
     assert asked.returncode == 0
-    assert declared(modules) <= told
+    assert declared(modules) and declared(modules) <= told

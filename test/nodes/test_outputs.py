@@ -18,6 +18,7 @@ from stereo_speed.nodes.outputs import Outputs  # noqa: E402
 from stereo_speed.pipeline.assembly import MeasuringSite  # noqa: E402
 from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
 from stereo_speed.site.file import load_site  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
 
 PASSED = {'passed_utc': '2026-11-22T10:00:00Z', 'off_percent': 0.23}
 LATER = {**PASSED, 'passed_utc': '2026-11-22T11:00:00Z'}
@@ -33,7 +34,8 @@ def told():
 def outputs(told):
     """Return the outputs of a stand-in node."""
     node = SimpleNamespace(
-        create_publisher=lambda kind, topic, *_, **__: SimpleNamespace(publish=told[topic].append),
+        create_publisher=lambda kind, topic, *_, **__: SimpleNamespace(
+            publish=told[topic].append, get_subscription_count=lambda: topic == 'markers'),
         get_logger=lambda: SimpleNamespace(info=lambda line: None), get_clock=Clock)
     return Outputs(node, SimpleNamespace(get=lambda name, default, *_: default))
 
@@ -69,3 +71,23 @@ def test_self_test_passed_before_the_rig_is_known_is_published_with_it(told, out
     outputs.publish_static()
     message, = told['instrument']
     assert Instrument.of_text(message.data, 'instrument').self_test == PASSED
+
+
+@pytest.mark.slow
+def test_markers_of_a_vehicle_are_deleted_with_its_pass(told, outputs, place, sample):
+    pipeline = place.pipeline(PipelineConfig())
+    with StereoBag(sample / 'bag') as bag:
+        for pair in bag.pairs():
+            outputs.tell(pipeline, pair, pipeline.process(pair))
+    shown = {(m.ns, m.id) for message in told['markers'] for m in message.markers
+             if m.action == Marker.ADD}
+    assert shown == {('vehicles', 0), ('speed_text', 0)}
+    before = len(told['markers'])
+    outputs.end(pipeline, pipeline.finish())
+    assert len(told['passes']) == 1
+    message, = told['markers'][before:]
+    assert {(m.ns, m.id, m.action) for m in message.markers} == {
+        (ns, track, Marker.DELETE) for ns, track in shown}
+    assert {m.header.frame_id for m in message.markers} == {pipeline.rig.frame_id}
+    outputs.end(pipeline, [])
+    assert len(told['markers']) == before + 1  # nothing is deleted without a pass
