@@ -3,6 +3,9 @@
 """The table of trials is complete and gives its reasons."""
 from __future__ import annotations
 
+from pathlib import Path
+import re
+
 import pytest
 from stereo_speed.lab.cli.fault_trials import ERROR, OK, played, TRIALS, WARN
 
@@ -40,3 +43,16 @@ def test_late_calibration_is_waited_for_by_more_pairs_than_are_kept():
     trial = TRIALS['start_without_info']
     assert (trial.stream, trial.first_s, trial.always) == ('no_info', 0.0, False)
     assert trial.length_s is not None and 20 * trial.length_s > 50
+
+
+def test_faults_of_make_can_be_played_and_are_listed():
+    """FAULTS are those of one node, KILLS of three; docs/live.md names them all."""
+    root = Path(__file__).resolve().parents[3]
+    text = (root / 'Makefile').read_text().replace('\\\n', '')
+    made = {name: re.search(f'^{name} := (.*)$', text, re.MULTILINE)[1].split()
+            for name in ('FAULTS', 'KILLS')}
+    assert set(made['FAULTS']) <= set(played(('speed_camera_node',)))
+    assert set(made['KILLS']) == {f'kill_{node}' for node in THREE}
+    told = (root / 'docs' / 'live.md').read_text().partition('`make faults`, and so')[2]
+    named = re.findall(r'`(\w+)`', told.partition('All others')[0])
+    assert sorted(named) == sorted(made['FAULTS'] + made['KILLS'])
