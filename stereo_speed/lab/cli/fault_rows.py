@@ -27,11 +27,20 @@ _MACHINE = ('measuring does not keep up', 'measuring barely keeps up')
 
 
 class Times(NamedTuple):
-    """Steady times of a trial: start of the stream, and of the fault, its end; playing time, s."""
+    """
+    Times of a trial.
+
+    :param begun_s: steady time of the start of the stream, s.
+    :param first_s: steady time of the start of the fault, s.
+    :param ended_s: steady time of the end of the fault, s.
+    :param ended_ns: stamp of the bag at that time.
+    :param played_s: playing time, s.
+    """
 
     begun_s: float
     first_s: float
     ended_s: float
+    ended_ns: int
     played_s: float
 
 
@@ -48,7 +57,8 @@ class Row:
     :param wrong_passes: number of wrong ones among these.
     :param nowhere: number of readings and measured passes on no vehicle.
     :param worst_sigmas: greatest error of a measured pass in sigmas.
-    :param silent_s: time from the end of the fault to the next right reading; None for none.
+    :param silent_s: time from the end of the fault to the first right reading of a pair after it;
+        None for none.
     :param said: findings on /diagnostics during the fault or soon after.
     :param levels: highest level of each task of /diagnostics since the start of the fault, apart
         from findings about the machine.
@@ -78,7 +88,8 @@ class Row:
         :param slack: multiple of the limit of silence that a slow machine may take.
         """
         highest = max(self.levels.values(), default=OK)
-        brief = (length_s if trial.length_s is None else trial.length_s) <= trial.takes_s
+        lasts_s = (length_s if trial.length_s is None else trial.length_s) / rate
+        brief = lasts_s <= trial.takes_s
         wanted, task = (min(trial.level, WARN), '') if brief else (trial.level, trial.task)
         reached = self.levels.get(task, OK) if task else highest
         most = trial.level if trial.most is None else trial.most
@@ -135,7 +146,7 @@ def row_of(name: str, heard: Heard, truth: Truth, times: Times, alive: bool, bac
             print(f'{name}: pass on no vehicle: {told}', file=sys.stderr)
     on = [found for _, found in passes if found is not None]
     right_after = [reading.at_s - times.ended_s for reading, found in compared
-                   if reading.at_s > times.ended_s and not _is_wrong(found)]
+                   if found.ns >= times.ended_ns and not _is_wrong(found)]
     heard_levels = [(at_s, task.rpartition(': ')[2], level, message)
                     for at_s, task, level, message in heard.levels if level
                     and times.begun_s + _QUIET_S < at_s < times.begun_s + times.played_s]

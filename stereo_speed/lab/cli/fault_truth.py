@@ -36,10 +36,11 @@ _DOWN = np.array([0.0, 1.0, 0.0])  # rigs are about level
 
 
 class Compared(NamedTuple):
-    """A measured speed relative to the true one, and its 1-sigma."""
+    """A measured speed relative to the true one, its 1-sigma, and its true (last) stamp."""
 
     error_mps: float
     std_mps: float
+    ns: int
 
 
 class _On(NamedTuple):
@@ -67,8 +68,9 @@ class Truth:
         on = None if place is None else self.on(reading.ns, place)
         if on is None:
             return None
-        true_mps = _speed_mps(self.vehicles[on.vehicle], np.array([reading.ns - on.off_ns]))
-        return Compared(reading.speed_mps - true_mps, reading.std_mps)
+        ns = reading.ns - on.off_ns
+        true_mps = _speed_mps(self.vehicles[on.vehicle], np.array([ns]))
+        return Compared(reading.speed_mps - true_mps, reading.std_mps, ns)
 
     def of_pass(self, told: Mapping[str, object], places: Places) -> Optional[Compared]:
         """
@@ -95,7 +97,8 @@ class Truth:
         during = vehicle.stamps_ns[(vehicle.stamps_ns >= begin) & (vehicle.stamps_ns <= end)]
         # A pass beyond the truth of its vehicle has none of its stamps.
         return Compared(speed - _speed_mps(vehicle, during if len(during)
-                                           else np.array([begin, end])), std)
+                                           else np.array([begin, end])),
+                        std, last - on.off_ns)
 
     def on(self, ns: int, place_m: Sequence[float]) -> Optional[_On]:
         """Return the vehicle whose front is nearest of those that a place is on."""

@@ -143,8 +143,9 @@ def _play(name: str, args: argparse.Namespace, truth: Sequence[VehicleTruth], fi
         listener.spin(_AFTER_S, lambda: False)
         alive = not any(node.ended() for node in nodes.values())
     return row_of(name, listener.heard, Truth(truth, trial.shifts_s),
-                  Times(begun_s, begun_s + first_s / args.rate, ended_s, args.play / args.rate),
-                  alive, back)
+                  Times(begun_s, begun_s + first_s / args.rate, ended_s,
+                        first_ns + round((ended_s - begun_s) * args.rate * 1e9),
+                        args.play / args.rate), alive, back)
 
 
 @contextmanager

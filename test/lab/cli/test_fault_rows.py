@@ -19,7 +19,7 @@ STAMPS = SECOND * np.arange(5)
 Z_M = np.array([100.0, 81, 64, 49, 36])
 TRUTH = Truth([VehicleTruth(7, STAMPS, np.array([20.0, 18, 16, 14, 12]),
                             np.stack([np.zeros(5), np.ones(5), Z_M], axis=1))])
-TIMES = Times(10.0, 10.5, 11.0, 10.0)
+TIMES = Times(10.0, 10.5, 11.0, SECOND, 10.0)
 ROW = Row('black', True, 30, 0, 4, 0, 0, 0.7, 0.4, '', {'left camera': 2}, True)
 
 
@@ -53,8 +53,14 @@ def test_worst_reading_in_sigmas_is_reported_even_if_none_is_wrong(capsys):
 
 
 def test_silence_ends_with_the_first_right_reading_after_the_fault():
-    """The fault ends 1 s after the start; the reading of 2 s is wrong."""
-    row = row_with(reading(1, 18.0, 0.1), reading(2, 20.0, 0.1), reading(3, 14.0, 0.1))
+    """
+    The fault ends 1 s after the start; the reading of 2 s is wrong.
+
+    A reading of a pair before the end that comes late does not end the silence.
+    """
+    late = SimpleNamespace(**{**vars(reading(0, 20.0, 0.1)), 'at_s': 11.5})
+    assert row_with(late).silent_s is None
+    row = row_with(late, reading(2, 20.0, 0.1), reading(3, 14.0, 0.1))
     assert row.silent_s == pytest.approx(2.0)
 
 
@@ -91,7 +97,7 @@ def test_levels_are_the_highest_of_each_task_while_output_is_expected():
 def test_levels_before_the_fault_are_shown_but_not_judged():
     row = row_of('none', heard(levels=[(13.0, 'node: pairs', 1, 'lost'),
                                        (14.5, 'node: rig', 1, 'moved')]),
-                 TRUTH, Times(10.0, 14.0, 15.0, 10.0), True, True)
+                 TRUTH, Times(10.0, 14.0, 15.0, 5 * SECOND, 10.0), True, True)
     assert (row.levels, row.said) == ({'rig': 1}, 'pairs: WARN lost; rig: WARN moved')
 
 
@@ -142,6 +148,7 @@ def test_fault_that_is_too_brief_for_an_error_is_a_warning_of_any_task():
     assert failures('black', 2.0, levels={'pipeline': 1}) == []
     assert failures('black', 2.0, levels={}) == ['/diagnostics was at most OK, not WARN']
     assert failures('black', 3.0, levels={'pipeline': 1})
+    assert failures('black', 3.0, rate=2.0, levels={'pipeline': 1}) == []
 
 
 def test_fault_to_the_end_need_not_be_over_before_it():

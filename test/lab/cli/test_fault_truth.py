@@ -54,15 +54,15 @@ def reading(row, speed_mps, off_ns=0):
 def test_pass_is_compared_with_its_vehicle_over_its_time(rows, off_ns):
     """However few of its positions are published; also with stamps that are off."""
     heard = places(*rows, off_ns=off_ns)
-    assert TRUTH.of_pass(told(16.1, off_ns), heard) == pytest.approx((0.1, 0.5))
+    assert TRUTH.of_pass(told(16.1, off_ns), heard)[:2] == pytest.approx((0.1, 0.5))
 
 
 def test_pass_that_ends_beyond_the_truth_has_the_mean_of_what_is_known():
     """Mean of 20, 18, 16, 14, 12 and, where none of its stamps is in the truth, the last one."""
-    assert TRUTH.of_pass(told(16.1, last=5), places(3)) == pytest.approx((0.1, 0.5))
+    assert TRUTH.of_pass(told(16.1, last=5), places(3))[:2] == pytest.approx((0.1, 0.5))
     late = 4 * SECOND + 600_000_000
     at = (int(STAMPS[0]) + late, 'vehicle_0')
-    assert TRUTH.of_pass(told(12.5, late, last=0), {at: tuple(front(4) - (0, 0, 7.8))}) \
+    assert TRUTH.of_pass(told(12.5, late, last=0), {at: tuple(front(4) - (0, 0, 7.8))})[:2] \
         == pytest.approx((0.5, 0.5))
 
 
@@ -74,15 +74,15 @@ def test_pass_without_a_position_on_a_vehicle_is_on_none():
 def test_pass_is_on_a_vehicle_by_half_of_its_positions():
     nowhere = places(0, 1, gap_m=(-9.0, 0.0, 0.0))
     assert TRUTH.of_pass(told(16.0), {**nowhere, **places(2)}) is None
-    assert TRUTH.of_pass(told(16.0), {**nowhere, **places(2, 3)}) == pytest.approx((0.0, 0.5))
+    assert TRUTH.of_pass(told(16.0), {**nowhere, **places(2, 3)})[:2] == pytest.approx((0.0, 0.5))
 
 
 def test_reading_is_compared_with_the_speed_at_its_own_time():
-    assert TRUTH.of_reading(reading(3, 14.5), places(3)) == pytest.approx((0.5, 0.2))
+    assert TRUTH.of_reading(reading(3, 14.5), places(3))[:2] == pytest.approx((0.5, 0.2))
     assert TRUTH.of_reading(reading(3, 14.5), places(2)) is None
     between = {(int(STAMPS[0]) + 3_500_000_000, 'vehicle_0'):
                tuple((front(3) + front(4)) / 2)}
-    assert TRUTH.of_reading(reading(3.5, 14.5), between) == pytest.approx((1.5, 0.2))
+    assert TRUTH.of_reading(reading(3.5, 14.5), between)[:2] == pytest.approx((1.5, 0.2))
 
 
 @pytest.mark.parametrize('gap_m, found', [
@@ -135,5 +135,6 @@ def test_stamps_of_a_clock_that_steps_are_tried_with_its_step():
     steps = Truth(TRUTH.vehicles[1:], (-0.5,))
     heard = {(int(STAMPS[1]) - SECOND // 2, 'vehicle_0'): tuple(front(1, 1))}
     one = reading(0.5, 31.0)
+    assert steps.of_reading(one, heard).ns == STAMPS[1]
     assert alone.of_reading(one, heard) is None
-    assert steps.of_reading(one, heard) == pytest.approx((1.0, 0.2))
+    assert steps.of_reading(one, heard)[:2] == pytest.approx((1.0, 0.2))
