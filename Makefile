@@ -18,9 +18,13 @@ CASES := 20000
 # of make soak; in its first minutes tracker_node's memory still fills
 MINUTES := 60
 GROWTH_MB := 10
-# of make faults: what breaks the stream; all that there are where it is empty
+# of make faults: what breaks the stream of a single node; all that there are where it is empty
 FAULTS := short_data other_size black frozen_right lost_30_percent disordered right_20_ms jitter \
 	clock_half_a_second_back info_nan info_other kill_search_process kill_speed_camera_node
+# and of three nodes; none where it is empty
+KILLS := kill_tracker_node kill_stereo_sync_node kill_speed_node
+# how many times its limit a silence after a fault may last before the row fails
+SLACK := 3
 # of make release-check: --draft leaves out clean tree and versions
 RELEASE :=
 # each core has a program of its own already: libraries with a thread for each would wait in turns
@@ -62,7 +66,10 @@ faults: venv
 	$(PY) tools/warm_up.py
 	[ -d out/faults ] || $(ONE_THREAD) $(PY) -m stereo_speed traffic --minutes 0.35 --vehicles 6 \
 		--fps 5 --lanes 2 --seed 8 --bag out/faults
-	$(ONE_THREAD) $(PY) -m stereo_speed faults out/faults --single $(FAULTS:%=--fault %)
+	$(ONE_THREAD) $(PY) -m stereo_speed faults out/faults --slack $(SLACK) --single \
+		$(FAULTS:%=--fault %)
+	$(if $(KILLS),$(ONE_THREAD) $(PY) -m stereo_speed faults out/faults --slack $(SLACK) \
+		$(KILLS:%=--fault %))
 
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)

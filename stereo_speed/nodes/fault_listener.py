@@ -46,7 +46,8 @@ class Heard:
     :param passes: passes, decoded from JSON.
     :param places: stamp and vehicle to the place (x, y, z) in the left optical frame, m.
     :param levels: steady time, name, level and message of every diagnostic status.
-    :param begun_s: steady time at which the replay began; 0 before.
+    :param begun_s: steady time at which the replay was first heard; 0 before.
+    :param begun_ns: stamp of the bag that was played then.
     """
 
     readings: list[HeardReading] = field(default_factory=list)
@@ -54,6 +55,7 @@ class Heard:
     places: dict[tuple[int, str], tuple[float, float, float]] = field(default_factory=dict)
     levels: list[tuple[float, str, int, str]] = field(default_factory=list)
     begun_s: float = 0.0
+    begun_ns: int = 0
 
 
 class FaultListener(GraphListener):
@@ -83,7 +85,8 @@ class FaultListener(GraphListener):
         self.heard.passes.append(json.loads(msg.data))
 
     def _clock(self, msg: Clock) -> None:
-        self.heard.begun_s = self.heard.begun_s or time.monotonic()
+        if not self.heard.begun_s:
+            self.heard.begun_s, self.heard.begun_ns = time.monotonic(), stamp_ns(msg.clock)
 
     def _status(self, msg: DiagnosticArray) -> None:
         self.heard.levels += [(time.monotonic(), s.name, ord(s.level), s.message)
