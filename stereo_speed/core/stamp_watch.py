@@ -90,6 +90,11 @@ class StampWatch:
         self._intervals_s.popleft()
         return off_s
 
+    def take_for_step(self, gap: Gap) -> None:
+        """Count a gap as a step of the clock, because no images are missing there."""
+        self.gaps.remove(gap)
+        self.steps, self.last_step_s = self.steps + 1, (gap.periods - 1) * gap.period_s
+
     def restart(self) -> None:
         """Forget the last stamp and the gaps, because time has jumped."""
         self._last_ns = None

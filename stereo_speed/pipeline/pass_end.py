@@ -16,7 +16,6 @@ from ..core.tracker_config import TrackerConfig
 from ..road.lanes import LanePath
 from ..second.estimate import with_second
 from ..steadying.doubt import SpeedDoubt
-from ..tracking.protocol import SeesGaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +45,7 @@ class PassEnd:
     def __call__(self) -> PassResult:
         """Return the result of the pass."""
         track = self.track
-        if isinstance(track.tracker, SeesGaps):
-            track.tracker.see_gaps(self.gaps)
+        track.see_gaps(self.gaps)
         result = replace(
             track.lanes.conclude(track.tracker.result()), vehicle=track.size.measured(),
             trace=track.trace.built(track.stamp_std_s))

@@ -241,6 +241,7 @@ class SpeedPipeline:
         if self.stamp_watch.add(pair.stamp_ns):
             self._end_by_step()
         self._see_stamps()
+        self._see_gaps()
         return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
 
     def _restart(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
@@ -364,6 +365,20 @@ class SpeedPipeline:
             if uneven_s is not None and uneven_s > _WORSE * (
                     track.stamp_std_s or self.config.stamp_std_s):
                 track.see_stamps(uneven_s)
+
+    def _see_gaps(self) -> None:
+        """
+        Tell the tracks the gaps of the stream; if one of them shows a step of the clock, act on it.
+
+        A step forward by whole periods shows only in where vehicles are after it.
+        """
+        gaps, tracks = tuple(self.stamp_watch.gaps), self._roster.tracks
+        step = next((gap for gap in (t.clock_step for t in tracks) if gap in gaps), None)
+        if step is not None:
+            self.stamp_watch.take_for_step(step)
+            self._end_by_step()
+        for track in self._roster.tracks if gaps else ():
+            track.see_gaps(gaps)
 
     @property
     def _times(self) -> TimeDoubt:

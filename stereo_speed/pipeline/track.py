@@ -15,6 +15,7 @@ from .solving import Fed, Turn
 from ..classification.size import VehicleSize
 from ..core.passes import TrackEnd
 from ..core.records import Array, StereoPair, TrackState, TrackUpdate
+from ..core.stamp_watch import Gap
 from ..core.trace import PassTrace, TraceBuilder
 from ..core.tracker_config import TrackerConfig, VisibilityConfig
 from ..detection.protocol import Detection
@@ -22,7 +23,8 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..tracking.lane_assigner import LaneAssigner
-from ..tracking.protocol import CanHurry, CarriesOn, DoubtsStamps, TellsAge, Tracker, TrackStart
+from ..tracking.protocol import (
+    CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, Tracker, TrackStart)
 from ..tracking.upright import Upright
 
 MOST_RESTART_PAIRS = 12  # a track that was fed more pairs is not restarted
@@ -150,6 +152,16 @@ class Track:
             self.tracker.doubt_stamps(stamp_std_s)
         if self.second is not None:
             self.second.config = replace(self.second.config, stamp_std_s=stamp_std_s)
+
+    def see_gaps(self, gaps: Sequence[Gap]) -> None:
+        """Take in the latest gaps of the stream."""
+        if isinstance(self.tracker, SeesGaps):
+            self.tracker.see_gaps(gaps)
+
+    @property
+    def clock_step(self) -> Optional[Gap]:
+        """Return a gap in which its images show that the clock was set; None if there is none."""
+        return self.tracker.clock_step if isinstance(self.tracker, SeesGaps) else None
 
     def see_drift(self, drift_rad: Array) -> None:
         """Record the largest change of the right camera's estimated rotation."""

@@ -11,7 +11,7 @@ of all steps that are possible.
 from __future__ import annotations
 
 import math
-from typing import Iterable
+from typing import Iterable, Optional, Sequence
 
 import numpy as np
 
@@ -21,22 +21,61 @@ from .solution import Solver
 from ..core.records import Array
 from ..core.stamp_watch import Gap
 
-_ODDS = 100.0  # of a step, by the images, above which the stamps are doubted
+_REJECTED = math.log(100.0)  # log odds of a step from which a pass is rejected
+_SURE = math.log(1e4)  # log odds from which a step, or that there was none, is taken as a fact
+_RECENT_NS = 1_000_000_000  # age up to which a gap affects live readings
 
 
-def clock_was_set(window: Window, solver: Solver, motion: PassMotion, gaps: Iterable[Gap]) -> bool:
+def log_odds(window: Window, solver: Solver, motion: PassMotion, gaps: Iterable[Gap]) -> float:
     """
-    Return whether a pass shows that the clock was set forward in a gap of its stamps.
+    Return the logarithm of the odds that the clock was set forward in a gap.
 
-    :param window: the pass, solved with its stamps.
+    :param window: pairs of a pass, solved with their stamps.
     :param motion: prior of the pass.
-    :param gaps: gaps of the stream; those outside the pass do not count.
+    :param gaps: gaps of the stream; those outside the window do not count.
+    :return: that of the most likely step; -inf if none is possible.
     """
     steps = [times_s for gap in gaps for times_s in _with_steps(window, gap)]
     if not steps:
-        return False
+        return -math.inf
     as_stamped, *others = solver.log_evidences(window, motion, [window.times_s, *steps])
-    return bool(max(others) - as_stamped > math.log(_ODDS))
+    return float(max(others) - as_stamped)
+
+
+def clock_was_set(window: Window, solver: Solver, motion: PassMotion, gaps: Iterable[Gap]) -> bool:
+    """Return whether a whole pass shows a step; arguments are those of :func:`log_odds`."""
+    return log_odds(window, solver, motion, gaps) > _REJECTED
+
+
+class ClockWatch:
+    """
+    Judges the gaps of the stream while a pass is under way.
+
+    ``doubtful`` is whether a step is more likely than missing images in a recent gap.  ``step`` is
+    a gap in which the clock was certainly set; None if there is none.
+
+    :param solver: solves the pass.
+    """
+
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self._missing_ns: frozenset[int] = frozenset()  # ends of gaps with certainly no step
+        self.doubtful = False
+        self.step: Optional[Gap] = None
+
+    def judge(self, window: Window, motion: PassMotion, gaps: Sequence[Gap]) -> None:
+        """Judge the recent gaps by a window that has just been solved."""
+        newest_ns = window.pairs[-1].stamp_ns
+        self.doubtful = self.step is not None
+        for gap in gaps:
+            if newest_ns - gap.after_ns > _RECENT_NS or gap.after_ns in self._missing_ns:
+                continue
+            odds = log_odds(window, self._solver, motion, [gap])
+            self.doubtful |= odds > 0
+            if odds > _SURE:
+                self.step = gap
+            elif -math.inf < odds < -_SURE:
+                self._missing_ns |= {gap.after_ns}
 
 
 def _with_steps(window: Window, gap: Gap) -> list[Array]:

@@ -142,8 +142,13 @@ class ConstrainedTracker:
         self.window.doubt_stamps(stamp_std_s)
 
     def see_gaps(self, gaps: Sequence[Gap]) -> None:
-        """Take in the gaps of the stream, before the result is asked for."""
+        """Take in the latest gaps of the stream."""
         self.window.gaps = gaps
+
+    @property
+    def clock_step(self) -> Optional[Gap]:
+        """Return a gap in which the clock was certainly set forward; None if there is none."""
+        return self.window.clock.step
 
     def unsolved_s(self, stamp_ns: int) -> float:
         """Return the age of its last solution, s; infinite where it must solve now."""
@@ -178,7 +183,8 @@ class ConstrainedTracker:
         update = self._report(
             pair, TrackState.TENTATIVE if self._is_just_back(pair.stamp_ns) else state,
             self.cloud.moments())
-        if last is not None and not may_follow(update, last, self.config):
+        if self.window.clock.doubtful or (
+                last is not None and not may_follow(update, last, self.config)):
             update = self._reported = update.unconfirmed()
         return update
 

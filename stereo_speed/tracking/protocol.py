@@ -166,10 +166,14 @@ class SeesGaps(Protocol):
 
     def see_gaps(self, gaps: Sequence[Gap]) -> None:
         """
-        Take in the gaps of the stream, before the result is asked for.
+        Take in the latest gaps of the stream, before a pair and before the result is asked for.
 
         :param gaps: all that may lie in the pass, in order; others are to be ignored.
         """
+
+    @property
+    def clock_step(self) -> Optional[Gap]:
+        """Return a gap in which the clock was certainly set forward; None if there is none."""
 
 
 @runtime_checkable

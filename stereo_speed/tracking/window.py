@@ -21,7 +21,7 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .blur_doubt import doubt_of_blur
-from .clock_step import clock_was_set
+from .clock_step import clock_was_set, ClockWatch
 from .hypotheses import Hypothesis, of_kin
 from .keyframes import Keyframe, least_gap, Window
 from .motion_prior import headings, lateral_rates, PassMotion, PassMotions, StateIndex
@@ -83,6 +83,7 @@ class PhotometricWindow:
         self.sampler, self.motions, self.config = sampler, motions, config
         self.gaps: Sequence[Gap] = ()  # of the stream, where the clock may have been set forward
         self._solver = Solver(sampler.relief_basis, config)
+        self.clock = ClockWatch(self._solver)
         nodes = sampler.relief_basis.shape[1]
         self._window = Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCCs of the last solution
@@ -111,6 +112,7 @@ class PhotometricWindow:
             window, posterior = self._with_equal_sharpness(window, posterior)
             self._window, self._agreement = window, posterior.cross_ncc
             posterior = self._begun_where_shown() or posterior
+            self.clock.judge(self._window, self.motions.assumed, self.gaps)
         return posterior
 
     def doubt_stamps(self, stamp_std_s: float) -> None:

@@ -30,6 +30,9 @@ def test_gaps_of_whole_periods_are_remembered_until_time_jumps():
     for ns in np.delete(PERIOD_NS * np.arange(100), [30, 31, *range(50, 70)]):
         watch.add(int(ns))
     assert list(watch.gaps) == [Gap(32 * PERIOD_NS, 3, 0.2), Gap(70 * PERIOD_NS, 21, 0.2)]
+    watch.take_for_step(watch.gaps[0])
+    assert (watch.steps, watch.last_step_s) == (1, pytest.approx(0.4))
+    assert [gap.periods for gap in watch.gaps] == [21]
     watch.restart()
     assert not watch.gaps
 

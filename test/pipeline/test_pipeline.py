@@ -11,6 +11,7 @@ import pytest
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
+from stereo_speed.core.stamp_watch import Gap
 from stereo_speed.core.tracker_config import (
     EffortConfig, TrackerConfig, VerdictConfig, VisibilityConfig)
 from stereo_speed.core.units import MPH_MPS
@@ -275,7 +276,7 @@ def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeyp
     """Only its images can tell missing ones from a clock that was set forward by whole periods."""
     sequence, lanes, marks = scene
     told = []
-    monkeypatch.setattr(ConstrainedTracker, 'see_gaps', lambda _, gaps: told.extend(gaps))
+    monkeypatch.setattr(ConstrainedTracker, 'see_gaps', lambda _, gaps: told.append(gaps))
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks[:1])
     stamps_ns = [pair.stamp_ns for pair in sequence.pairs]
     period_ns = stamps_ns[1] - stamps_ns[0]
@@ -285,9 +286,24 @@ def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeyp
         pipeline.process(pair)
     result, = pipeline.finish()
     assert result.verdict is Verdict.MEASURED
-    gap, = told
+    assert len(told) == len(sequence.pairs) - 3 + 1  # before each pair, and at the end
+    (gap,), = set(told)
     assert (gap.after_ns, gap.periods) == (stamps_ns[3], 2)
     assert gap.period_s == pytest.approx(period_ns * 1e-9)
+
+
+def test_step_that_the_images_of_a_track_show_ends_the_passes(scene, monkeypatch):
+    pipeline, _ = automatic(scene, scene[2], {0, 1})
+    for pair in scene[0].pairs[:5]:
+        pipeline.process(pair)
+    step = Gap(scene[0].pairs[4].stamp_ns, 3, 0.1)
+    pipeline.stamp_watch.gaps.append(step)
+    assert len(pipeline._roster.tracks) == 2
+    monkeypatch.setattr(type(pipeline._roster.tracks[1].tracker), 'clock_step', step)
+    passes = pipeline.process(scene[0].pairs[5]).passes
+    assert [result.reason for result in passes] == ['stamps_uncertain'] * 2
+    watch = pipeline.stamp_watch
+    assert (watch.steps, watch.last_step_s) == (1, pytest.approx(0.2)) and step not in watch.gaps
 
 
 @pytest.mark.parametrize('braked_to_mps, verdict', [(0.0, 'doubted'), (5.0, 'reading')])

@@ -505,16 +505,18 @@ def test_passes_of_unknown_doubt_keep_the_prior_uncertainty(textured, textured_d
     np.testing.assert_allclose(doubt, 200.0, rtol=1e-6)
 
 
-def window_with_gap(textured, textured_drive, *, missing, set_forward):
-    """Return a window of a pass that ends with a gap, and the gap of its stamps."""
+def window_with_gap(textured, textured_drive, *, missing, set_forward, told=False):
+    """Return a window of a pass with a gap, which it was told or not, and the gap."""
     pairs, poses = textured_drive
     kept = [k for k in range(len(pairs)) if not BEFORE <= k < BEFORE + missing]
     stamps = {k: pairs[k].stamp_ns + (k >= BEFORE) * set_forward * PERIOD_NS for k in kept}
+    gap = Gap(stamps[BEFORE + missing], 1 + missing + set_forward, PERIOD_NS * 1e-9)
     window = window_of(textured, poses[0])
+    window.gaps = [gap] if told else []
     posteriors = feed(window, [replace(
         pairs[k], stamp_ns=stamps[k], right_stamp_ns=stamps[k]) for k in kept], poses[kept])
     assert posteriors[-1].unoccluded.all()
-    return window, Gap(stamps[BEFORE + missing], 1 + missing + set_forward, PERIOD_NS * 1e-9)
+    return window, gap
 
 
 @pytest.mark.parametrize('missing, set_forward', [(0, 1), (0, 2), (0, 4), (2, 0), (5, 0), (2, 1)])
@@ -526,3 +528,12 @@ def test_clock_set_forward_is_told_from_missing_images(
     assert not window.solve_pass().clock_set  # it does not know of the gap
     window.gaps = [Gap(gap.after_ns - 10 ** 12, 4, 0.1), gap, Gap(gap.after_ns + 10 ** 12, 4, 0.1)]
     assert window.solve_pass().clock_set == (set_forward > 0)
+
+
+@pytest.mark.parametrize('missing, set_forward', [(0, 1), (0, 4), (5, 0), (2, 1)])
+def test_live_readings_doubt_a_clock_that_was_set_forward(
+        textured, textured_drive, missing, set_forward):
+    window, gap = window_with_gap(
+        textured, textured_drive, missing=missing, set_forward=set_forward, told=True)
+    assert (window.clock.doubtful, window.clock.step) == (
+        (True, gap) if set_forward else (False, None))
