@@ -368,7 +368,7 @@ class SpeedPipeline:
 
     def _see_gaps(self) -> None:
         """
-        Tell the tracks the gaps of the stream; if one of them shows a step of the clock, act on it.
+        Tell the tracks the gaps of the stream; if one shows a step of the clock, act on it.
 
         A step forward by whole periods shows only in where vehicles are after it.
         """

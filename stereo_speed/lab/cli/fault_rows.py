@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 import sys
-from typing import Mapping, NamedTuple, Optional, TYPE_CHECKING
+from typing import Iterable, Mapping, NamedTuple, Optional, Sequence, TYPE_CHECKING
 
 from .fault_trials import ERROR, OK, Trial, WARN
 from .fault_truth import Compared, Truth
@@ -126,41 +126,55 @@ class Row:
 def row_of(name: str, heard: Heard, truth: Truth, times: Times, alive: bool, back: bool) -> Row:
     """Return the result of a trial, and print its wrong readings and the worst one on stderr."""
     readings = [(reading, truth.of_reading(reading, heard.places)) for reading in heard.readings]
-    compared = [(reading, found) for reading, found in readings if found is not None]
-    wrong = [(reading, found) for reading, found in compared if _is_wrong(found)]
-    worst = [max(compared, key=lambda one: abs(_sigmas(one[1])))] if compared else []
-    for what, told in ('wrong', wrong), ('worst reading', worst):
-        for reading, found in told:
-            _tell(f'{name}: {what}', reading, times, f'off by {found.error_mps / MPH_MPS:+.2f}, '
-                  f'{_sigmas(found):+.1f} sigma')
-    for reading, none in readings:
-        if none is None:
-            place = heard.places.get((reading.ns, reading.frame_id))
-            _tell(f'{name}: on no vehicle', reading, times, f'stamp {reading.ns}, ' + (
-                'no position heard' if place is None else 'at x, y, z = {:.1f}, {:.1f}, {:.1f} m'
-                .format(*place)))
     passes = [(told, truth.of_pass(told, heard.places)) for told in heard.passes
               if told['speed_mps'] is not None]
-    for told, none in passes:
-        if none is None:
-            print(f'{name}: pass on no vehicle: {told}', file=sys.stderr)
+    compared = [(reading, found) for reading, found in readings if found is not None]
     on = [found for _, found in passes if found is not None]
-    right_after = [reading.at_s - times.ended_s for reading, found in compared
-                   if found.ns >= times.ended_ns and not _is_wrong(found)]
-    heard_levels = [(at_s, task.rpartition(': ')[2], level, message)
-                    for at_s, task, level, message in heard.levels if level
-                    and times.begun_s + _QUIET_S < at_s < times.begun_s + times.played_s]
-    said = dict.fromkeys(f'{task}: {_LEVELS[level]} {_short(message)}'
-                         for _, task, level, message in heard_levels)
-    levels: dict[str, int] = {}
-    for at_s, task, level, message in heard_levels:
+    _tell_readings(name, compared, times)
+    _tell_nowhere(name, [reading for reading, found in readings if found is None], heard, times)
+    for told in (told for told, found in passes if found is None):
+        print(f'{name}: pass on no vehicle: {told}', file=sys.stderr)
+    said, levels = _findings(heard, times)
+    return Row(
+        name, alive, len(compared), sum(_is_wrong(found) for _, found in compared), len(on),
+        sum(map(_is_wrong, on)), len(readings) - len(compared) + len(passes) - len(on),
+        max((abs(_sigmas(found)) for found in on), default=0.0),
+        min((reading.at_s - times.ended_s for reading, found in compared
+             if found.ns >= times.ended_ns and not _is_wrong(found)), default=None),
+        '; '.join(said[:_SAID]) or 'OK', levels, back)
+
+
+def _tell_readings(name: str, compared: Sequence[tuple[HeardReading, Compared]], times: Times
+                   ) -> None:
+    """Print the wrong readings and the worst one."""
+    told = [('wrong', reading, found) for reading, found in compared if _is_wrong(found)]
+    if compared:
+        told.append(('worst reading', *max(compared, key=lambda one: abs(_sigmas(one[1])))))
+    for what, reading, found in told:
+        _tell(f'{name}: {what}', reading, times, f'off by {found.error_mps / MPH_MPS:+.2f}, '
+              f'{_sigmas(found):+.1f} sigma')
+
+
+def _tell_nowhere(name: str, readings: Iterable[HeardReading], heard: Heard, times: Times) -> None:
+    """Print the readings that are on no vehicle, with their places."""
+    for reading in readings:
+        place = heard.places.get((reading.ns, reading.frame_id))
+        _tell(f'{name}: on no vehicle', reading, times, f'stamp {reading.ns}, ' + (
+            'no position heard' if place is None else 'at x, y, z = {:.1f}, {:.1f}, {:.1f} m'
+            .format(*place)))
+
+
+def _findings(heard: Heard, times: Times) -> tuple[list[str], dict[str, int]]:
+    """Return what /diagnostics said, and the highest level of each task; see :class:`Row`."""
+    said, levels = dict[str, None](), dict[str, int]()
+    for at_s, name, level, message in heard.levels:
+        if not level or not times.begun_s + _QUIET_S < at_s < times.begun_s + times.played_s:
+            continue
+        task = name.rpartition(': ')[2]
+        said[f'{task}: {_LEVELS[level]} {_short(message)}'] = None  # each once, in order
         if at_s > times.first_s and not _is_machine(message):
             levels[task] = max(level, levels.get(task, OK))
-    return Row(
-        name, alive, len(compared), len(wrong), len(on), sum(map(_is_wrong, on)),
-        len(readings) - len(compared) + len(passes) - len(on),
-        max((abs(_sigmas(found)) for found in on), default=0.0),
-        min(right_after, default=None), '; '.join(list(said)[:_SAID]) or 'OK', levels, back)
+    return list(said), levels
 
 
 def is_back(heard: Heard) -> bool:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Mapping, NamedTuple, Optional, Sequence, TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..evaluation.associate import GATE_DEPTH_M, GATE_DEPTH_SHARE, GATE_UP_M
 from ..sim.bodies import BODIES
@@ -95,10 +96,9 @@ class Truth:
         slack_ns = int(np.diff(vehicle.stamps_ns).min()) // 2  # stamps may be off by some ms
         begin, end = first - on.off_ns - slack_ns, last - on.off_ns + slack_ns
         during = vehicle.stamps_ns[(vehicle.stamps_ns >= begin) & (vehicle.stamps_ns <= end)]
-        # A pass beyond the truth of its vehicle has none of its stamps.
-        return Compared(speed - _speed_mps(vehicle, during if len(during)
-                                           else np.array([begin, end])),
-                        std, last - on.off_ns)
+        if not len(during):  # the pass lies beyond the truth of its vehicle
+            during = np.array([begin, end])
+        return Compared(speed - _speed_mps(vehicle, during), std, last - on.off_ns)
 
     def on(self, ns: int, place_m: Sequence[float]) -> Optional[_On]:
         """Return the vehicle whose front is nearest of those that a place is on."""
@@ -112,7 +112,7 @@ class Truth:
         return None if best is None else best[1]
 
 
-def _speed_mps(vehicle: VehicleTruth, stamps_ns: Array) -> float:
+def _speed_mps(vehicle: VehicleTruth, stamps_ns: NDArray[np.int64]) -> float:
     """Return the mean true speed at stamps; beyond the truth its last one."""
     first_ns = int(vehicle.stamps_ns[0])  # as float, stamps themselves are not exact
     return float(np.interp(stamps_ns - first_ns, vehicle.stamps_ns - first_ns,
