@@ -3,10 +3,12 @@
 """Play simulated traffic to nodes: separate processes over DDS, in real time."""
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
+import subprocess
+import sys
 from typing import Mapping, Sequence, TYPE_CHECKING
 
 from ..evaluation.traffic_run import stream_of
@@ -28,8 +30,24 @@ ONE_NODE = ('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS)
 TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # topics of measuring nodes
 
 
+# A busy loop that ends with its parent, however that ends.
+_BURN = 'import os\nwhile os.getppid() == {parent}: sum(range(100_000))'
+
+
 class GraphError(StereoSpeedError):
     """A node ended, or the nodes did not connect."""
+
+
+class Burner(AbstractContextManager['Burner']):
+    """A process that keeps a core busy; a context manager that ends the process on exit."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', _BURN.format(parent=os.getpid())], stdin=subprocess.DEVNULL)
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
 
 
 @dataclass(frozen=True, kw_only=True)
