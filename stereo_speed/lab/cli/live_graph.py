@@ -3,13 +3,13 @@
 """Play simulated traffic to nodes: separate processes over DDS, in real time."""
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 import subprocess
 import sys
-from typing import Mapping, Sequence, TYPE_CHECKING
+from typing import Iterator, Mapping, Sequence, TYPE_CHECKING
 
 from ..evaluation.traffic_run import stream_of
 from ..sim.config import RigConfig, RIGS
@@ -48,6 +48,18 @@ class Burner(AbstractContextManager['Burner']):
     def __exit__(self, *_: object) -> None:
         self.process.kill()
         self.process.wait()
+
+
+@contextmanager
+def confined(one_core: bool = True) -> Iterator[None]:
+    """Confine processes that are started meanwhile to one core, the same one each time."""
+    cores = os.sched_getaffinity(0)
+    if one_core:
+        os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 @dataclass(frozen=True, kw_only=True)

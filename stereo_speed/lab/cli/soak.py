@@ -6,7 +6,7 @@
 A section of traffic is simulated once and repeated, with stamps that keep rising. The nodes run as
 separate processes over DDS. Every pair must be processed, every well-seen vehicle must be measured
 once in every round, no live reading and no pass may be wrong, and memory and handles of the nodes
-must not grow. Where the machine is overloaded on purpose (``--burn``), pairs may be skipped and
+must not grow. Where the nodes are overloaded on purpose (``--burn``), pairs may be skipped and
 vehicles missed, but what is measured must be right.
 """
 from __future__ import annotations
@@ -22,7 +22,8 @@ from typing import Any, Sequence
 
 from tqdm import tqdm
 
-from .live_graph import alive, Burner, ONE_NODE, play, started, TOLD, Traffic
+from .live_graph import (
+    alive, Burner, confined, ONE_NODE, play, started, TOLD, Traffic)
 from ..evaluation.soak import (
     counted_vehicles, Held, held_table, lost_pairs, Rounds, Sample, sample_of, Soaked, SoakRules)
 from ..evaluation.traffic_run import TRUTH
@@ -61,8 +62,8 @@ def add_soak(actions: Any) -> None:
         help='greatest 95th percentile of the time from sending a pair to its live readings; '
              'without it the delay is not judged')
     add('--burn', type=number_in(int, 0, 64), default=0, metavar='N',
-        help='overload the machine with N processes that keep a core busy each; skipped pairs '
-             'and missed vehicles are then not judged')
+        help='overload the nodes: confine them to one core, together with N busy processes; '
+             'skipped pairs and missed vehicles are then not judged')
     add('--out', type=Path, required=True, metavar='DIR')
     parser.set_defaults(run=run_soak)
 
@@ -94,18 +95,21 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
     truth = read_truth(traffic.folder / TRUTH)
     rounds = Rounds(truth, counted_vehicles(traffic.folder / TRUTH, truth), round_ns,
                     stamps_ns[0])
-    (folder / 'log.sqlite').unlink(missing_ok=True)
+    for left in folder.glob('log.sqlite*'):  # with the files beside it of a killed run
+        left.unlink()
     private_graph()
     from ...nodes.soak_listener import SoakListener
     samples: dict[str, list[Sample]] = {}
     with ExitStack() as stack:
-        nodes = started(stack, _nodes(folder, traffic, one=args.one_node))
+        with confined(bool(args.burn)):  # the player of the traffic is not: cameras never wait
+            nodes = started(stack, _nodes(folder, traffic, one=args.one_node))
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
         replay = play(stack, traffic, nodes, listener, TOLD, rounds=played,
                       wait_for='tracks' if args.one_node else 'stereo/image_pair tracks')
-        for _ in range(args.burn):
-            stack.enter_context(Burner())
+        with confined():
+            for _ in range(args.burn):
+                stack.enter_context(Burner())
         begun_s, total = time.monotonic(), played * len(stamps_ns)
         step_s = max(played * round_ns * 1e-9 / _SAMPLES, _STEP_S)
         with tqdm(total=total, desc='soak', unit='pair', disable=None) as bar:

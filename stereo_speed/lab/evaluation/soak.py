@@ -307,7 +307,7 @@ class Soaked:
     :param held: resources of each node.
     :param skipped: number of pairs that the measuring node skipped, by its ``/diagnostics``.
     :param hurried: number of pairs that it hurried.
-    :param overloaded: whether the machine was overloaded on purpose.
+    :param overloaded: whether the nodes were overloaded on purpose.
     """
 
     minutes: float
@@ -334,7 +334,7 @@ class Soaked:
             f'{self.longest_s:.0f} s late, and waiting pairs take memory']
         if self.overloaded:
             notes.append('skipped pairs, and vehicles that were not measured, were NOT JUDGED: '
-                         'the machine was overloaded on purpose')
+                         'the nodes were overloaded on purpose')
         return notes
 
     def table(self) -> Table:

@@ -140,7 +140,7 @@ def test_overload_on_purpose_may_skip_pairs_but_not_measure_wrong():
     assert run.faults(SoakRules()) == []
     assert run.faults(SoakRules(reading_mps=0.1, reading_sigmas=1)) == [
         '1 live readings are off by more than 0.10 m/s and 1 sigma']
-    assert 'NOT JUDGED: the machine was overloaded on purpose' in run.notes(SoakRules())[0]
+    assert 'NOT JUDGED: the nodes were overloaded on purpose' in run.notes(SoakRules())[0]
     assert run.readings_table(SoakRules()).markdown().splitlines()[-1].strip('| ').split(
         ' | ') == ['5', '3', '1.50', '1', '0', '0', '0.45', '2.0', '1', '0']
 
