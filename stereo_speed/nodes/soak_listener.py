@@ -25,7 +25,8 @@ class SoakListener(DelayListener):
     :param on_pass: called with each pass, decoded from JSON, and the places and the live readings
         of its track.
 
-    ``skipped`` and ``hurried`` are what the measuring node has last said of its pairs.
+    ``skipped``, ``hurried`` and ``waiting`` are what the measuring node has last said of its pairs
+    and of the passes under way.
     """
 
     def __init__(self, on_pass: Callable[[dict[str, Any], list[Place], list[Reading]], None]
@@ -37,7 +38,7 @@ class SoakListener(DelayListener):
         self.pairs_ns: list[int] = []
         self.delays_s: list[float] = []  # times from sending a pair to its tracks
         self.reading_delays_s: list[float] = []
-        self.readings = self.skipped = self.hurried = 0
+        self.readings = self.skipped = self.hurried = self.waiting = 0
         for kind, topic, callback, qos in (
                 (TwistWithCovarianceStamped, '/vehicle_speed', self._reading, RELIABLE),
                 (Odometry, '/tracks', self._track, RELIABLE),
@@ -78,3 +79,4 @@ class SoakListener(DelayListener):
                 told = {value.key: value.value for value in status.values}
                 self.skipped = int(told.get('skipped', self.skipped))
                 self.hurried = int(told.get('hurried', self.hurried))
+                self.waiting = int(told.get('passes_waiting', self.waiting))

@@ -107,9 +107,10 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
         stack.callback(listener.close)
         replay = play(stack, traffic, nodes, listener, TOLD, rounds=played,
                       wait_for='tracks' if args.one_node else 'stereo/image_pair tracks')
+        burners = stack.enter_context(ExitStack())
         with confined():
             for _ in range(args.burn):
-                stack.enter_context(Burner())
+                burners.enter_context(Burner())
         begun_s, total = time.monotonic(), played * len(stamps_ns)
         step_s = max(played * round_ns * 1e-9 / _SAMPLES, _STEP_S)
         with tqdm(total=total, desc='soak', unit='pair', disable=None) as bar:
@@ -120,9 +121,12 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
                 listener.spin(step_s, replay.ended)
                 bar.update(len(listener.pairs_ns) - bar.n)
             minutes = (time.monotonic() - begun_s) / 60
-            # for messages in transit, and for passes that have not ended
+            burners.close()
+            # for messages in transit, for passes that have not ended, and for those under way
             listener.spin(_END_S, lambda: alive(nodes) and (
                 len(listener.pairs_ns) + listener.skipped >= total))
+            listener.spin(_STEP_S, lambda: False)
+            listener.spin(_END_S, lambda: alive(nodes) and not listener.waiting)
             listener.spin(_STEP_S, lambda: False)
     return Soaked(
         minutes=minutes, pairs=lost_pairs(listener.pairs_ns, stamps_ns, round_ns, played),
