@@ -13,6 +13,7 @@ from .common import RELIABLE, stamp_ns
 from .graph_listener import GraphListener
 
 _KEPT_NS = 10 * 10**9  # time for which results of a pair may still arrive
+_CLOCKS = 1000  # queue of clocks: none may be lost where this process has to wait for a core
 
 
 class DelayListener(GraphListener):
@@ -25,7 +26,7 @@ class DelayListener(GraphListener):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._sent_s: dict[int, float] = {}
-        self.node.create_subscription(Clock, '/clock', self._clock, 10)
+        self.node.create_subscription(Clock, '/clock', self._clock, _CLOCKS)
 
     def _clock(self, msg: Clock) -> None:
         self._sent_s.setdefault(stamp_ns(msg.clock), time.monotonic())

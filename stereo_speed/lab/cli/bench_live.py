@@ -60,7 +60,7 @@ def live_table(traffic: Traffic) -> Table:
     passes: list[object] = []
 
     def ours() -> SoakListener:
-        return SoakListener(lambda told, _: passes.append(told))
+        return SoakListener(lambda told, *_: passes.append(told))
     one, one_ms = _timed(traffic, (*ONE_NODE, traffic.site), TOLD, ours, wait_for='tracks')
     matched, matched_ms = _timed(traffic, (_PEER, 'matching:=sgbm'), ('/answers',),
                                  AnswerListener)

@@ -3,11 +3,13 @@
 """Play simulated traffic to nodes: separate processes over DDS, in real time."""
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
-from typing import Mapping, Sequence, TYPE_CHECKING
+import subprocess
+import sys
+from typing import Iterator, Mapping, Sequence, TYPE_CHECKING
 
 from ..evaluation.traffic_run import stream_of
 from ..sim.config import RigConfig, RIGS
@@ -28,8 +30,36 @@ ONE_NODE = ('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS)
 TOLD = ('/vehicle_speed', '/tracks', '/track_states', '/passes')  # topics of measuring nodes
 
 
+# A busy loop that ends with its parent, however that ends.
+_BURN = 'import os\nwhile os.getppid() == {parent}: sum(range(100_000))'
+
+
 class GraphError(StereoSpeedError):
     """A node ended, or the nodes did not connect."""
+
+
+class Burner(AbstractContextManager['Burner']):
+    """A process that keeps a core busy; a context manager that ends the process on exit."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', _BURN.format(parent=os.getpid())], stdin=subprocess.DEVNULL)
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+@contextmanager
+def confined(one_core: bool = True) -> Iterator[None]:
+    """Confine processes that are started meanwhile to one core, the same one each time."""
+    cores = os.sched_getaffinity(0)
+    if one_core:
+        os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,9 @@
 
 A section of traffic is simulated once and repeated, with stamps that keep rising. The nodes run as
 separate processes over DDS. Every pair must be processed, every well-seen vehicle must be measured
-once in every round, and memory and handles of the nodes must not grow.
+once in every round, no live reading and no pass may be wrong, and memory and handles of the nodes
+must not grow. Where the nodes are overloaded on purpose (``--burn``), pairs may be skipped and
+vehicles missed, but what is measured must be right.
 """
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from typing import Any, Sequence
 
 from tqdm import tqdm
 
-from .live_graph import alive, ONE_NODE, play, started, TOLD, Traffic
+from .live_graph import (
+    alive, Burner, confined, ONE_NODE, play, started, TOLD, Traffic)
 from ..evaluation.soak import (
     counted_vehicles, Held, held_table, lost_pairs, Rounds, Sample, sample_of, Soaked, SoakRules)
 from ..evaluation.traffic_run import TRUTH
@@ -55,13 +58,19 @@ def add_soak(actions: Any) -> None:
              'it does not keep up, instead of three nodes that never do')
     add('--growth-mb', type=number_in(float, 0, 1e6), default=rules.growth_mb, metavar='MB',
         help=f'greatest growth of a node after its warm-up (default: {rules.growth_mb:g})')
+    add('--p95-ms', type=number_in(float, 1, 1e6), metavar='MS',
+        help='greatest 95th percentile of the time from sending a pair to its live readings; '
+             'without it the delay is not judged')
+    add('--burn', type=number_in(int, 0, 64), default=0, metavar='N',
+        help='overload the nodes: confine them to one core, together with N busy processes; '
+             'skipped pairs and missed vehicles are then not judged')
     add('--out', type=Path, required=True, metavar='DIR')
     parser.set_defaults(run=run_soak)
 
 
 def run_soak(args: argparse.Namespace) -> int:
     """Simulate a round, play it through the nodes repeatedly, and print the result."""
-    rules = SoakRules(growth_mb=args.growth_mb)
+    rules = SoakRules(growth_mb=args.growth_mb, p95_ms=args.p95_ms)
     folder = prepare_folder(args.out)
     shutil.rmtree(folder / 'traffic', ignore_errors=True)
     soaked = _soak(folder, Traffic.drawn(
@@ -69,6 +78,7 @@ def run_soak(args: argparse.Namespace) -> int:
         minutes=args.round_minutes, vehicles=args.vehicles, width_px=args.width), args)
     print(soaked.table().markdown())
     print(soaked.delays_table().markdown())
+    print(soaked.readings_table(rules).markdown())
     print(held_table(soaked.held, soaked.minutes).markdown())
     faults = [*soaked.faults(rules), *_log_faults(folder / 'log.sqlite', soaked)]
     for line in soaked.notes(rules):
@@ -85,16 +95,22 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
     truth = read_truth(traffic.folder / TRUTH)
     rounds = Rounds(truth, counted_vehicles(traffic.folder / TRUTH, truth), round_ns,
                     stamps_ns[0])
-    (folder / 'log.sqlite').unlink(missing_ok=True)
+    for left in folder.glob('log.sqlite*'):  # with the files beside it of a killed run
+        left.unlink()
     private_graph()
     from ...nodes.soak_listener import SoakListener
     samples: dict[str, list[Sample]] = {}
     with ExitStack() as stack:
-        nodes = started(stack, _nodes(folder, traffic, one=args.one_node))
+        with confined(bool(args.burn)):  # the player of the traffic is not: cameras never wait
+            nodes = started(stack, _nodes(folder, traffic, one=args.one_node))
         listener = SoakListener(rounds.add)
         stack.callback(listener.close)
         replay = play(stack, traffic, nodes, listener, TOLD, rounds=played,
                       wait_for='tracks' if args.one_node else 'stereo/image_pair tracks')
+        burners = stack.enter_context(ExitStack())
+        with confined():
+            for _ in range(args.burn):
+                burners.enter_context(Burner())
         begun_s, total = time.monotonic(), played * len(stamps_ns)
         step_s = max(played * round_ns * 1e-9 / _SAMPLES, _STEP_S)
         with tqdm(total=total, desc='soak', unit='pair', disable=None) as bar:
@@ -105,13 +121,18 @@ def _soak(folder: Path, traffic: Traffic, args: argparse.Namespace) -> Soaked:
                 listener.spin(step_s, replay.ended)
                 bar.update(len(listener.pairs_ns) - bar.n)
             minutes = (time.monotonic() - begun_s) / 60
-            # for messages in transit, and for passes that have not ended
-            listener.spin(_END_S, lambda: alive(nodes) and len(listener.pairs_ns) >= total)
+            burners.close()
+            # for messages in transit, for passes that have not ended, and for those under way
+            listener.spin(_END_S, lambda: alive(nodes) and (
+                len(listener.pairs_ns) + listener.skipped >= total))
+            listener.spin(_STEP_S, lambda: False)
+            listener.spin(_END_S, lambda: alive(nodes) and not listener.waiting)
             listener.spin(_STEP_S, lambda: False)
     return Soaked(
         minutes=minutes, pairs=lost_pairs(listener.pairs_ns, stamps_ns, round_ns, played),
         delays_s=listener.delays_s, reading_delays_s=listener.reading_delays_s,
-        readings=listener.readings, rounds=rounds, played=played,
+        readings=listener.readings, rounds=rounds, played=played, skipped=listener.skipped,
+        hurried=listener.hurried, overloaded=bool(args.burn),
         held=[Held.of(name, samples.get(name, ()), SoakRules()) for name in nodes])
 
 

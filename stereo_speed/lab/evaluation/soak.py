@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+import math
 import os
 from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence
@@ -21,6 +22,7 @@ from ...io.csv_rows import read_rows
 from ...io.truth import VehicleTruth
 
 Place = tuple[int, tuple[float, float, float]]  # stamp ns; x, y, z in the left optical frame, m
+Reading = tuple[int, float, float]  # stamp ns; speed and its 1-sigma, m/s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,10 @@ class SoakRules:
         occupy memory.
     :param handles: greatest growth of a node's open files, sockets and threads over the rest.
     :param wrong_mps: error above which a pass is wrong.
+    :param reading_mps: error above which a live reading may be wrong.
+    :param reading_sigmas: the same in sigmas; a wrong reading exceeds both.
+    :param p95_ms: greatest 95th percentile of the delays of live readings, ms; None if they are
+        not judged.
     """
 
     warm_share: float = 0.25
@@ -41,6 +47,9 @@ class SoakRules:
     late_s: float = 5.0
     handles: int = 3
     wrong_mps: float = TrafficRules().wrong_mps
+    reading_mps: float = MPH_MPS
+    reading_sigmas: float = 4.0
+    p95_ms: Optional[float] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,14 +166,18 @@ class Rounds:
         self.rejected: set[tuple[int, int]] = set()
         self.reasons: Counter[str] = Counter()
         self.errors_mps: list[float] = []
+        self.reading_errors: list[tuple[float, float]] = []  # error and 1-sigma, m/s
         self.astray = 0
+        self.readings_astray = 0
 
-    def add(self, told: Mapping[str, Any], places: Sequence[Place]) -> None:
+    def add(self, told: Mapping[str, Any], places: Sequence[Place],
+            readings: Sequence[Reading] = ()) -> None:
         """
         Add a pass.
 
         :param told: JSON object of the pass.
         :param places: positions of its track.
+        :param readings: live readings of its track.
         """
         measured = told['verdict'] == 'measured'
         if not places and not measured:
@@ -174,7 +187,13 @@ class Rounds:
         vehicle = self._vehicle(seen)
         if vehicle is None:
             self.astray += measured
+            self.readings_astray += len(readings)
             return
+        true_mps = vehicle.speed_at([ns - number * self._round_ns for ns, *_ in readings])
+        self.reading_errors += [
+            (mps - true, std_mps)
+            for (_, mps, std_mps), true in zip(readings, true_mps.tolist())
+            if math.isfinite(true)]
         key = (number, vehicle.vehicle)
         if not measured:
             self.rejected.add(key)
@@ -209,6 +228,19 @@ class Rounds:
     def wrong(self, rules: SoakRules) -> int:
         """Return how many passes have a greater error than the rules allow."""
         return sum(abs(error) > rules.wrong_mps for error in self.errors_mps)
+
+    def wrong_readings(self, rules: SoakRules) -> int:
+        """Return how many live readings are off by more than the rules allow, both ways."""
+        return sum(abs(error) > max(rules.reading_mps, rules.reading_sigmas * std)
+                   for error, std in self.reading_errors)
+
+    @property
+    def worst_reading(self) -> tuple[float, float]:
+        """Return the greatest error of a live reading, mph, and the greatest one in sigmas."""
+        if not self.reading_errors:
+            return float('nan'), float('nan')
+        error, std = np.abs(self.reading_errors).T
+        return float(error.max() / MPH_MPS), float((error / std).max())
 
     @property
     def worst_mph(self) -> float:
@@ -273,6 +305,9 @@ class Soaked:
     :param rounds: the scored passes.
     :param played: number of complete rounds.
     :param held: resources of each node.
+    :param skipped: number of pairs that the measuring node skipped, by its ``/diagnostics``.
+    :param hurried: number of pairs that it hurried.
+    :param overloaded: whether the nodes were overloaded on purpose.
     """
 
     minutes: float
@@ -283,6 +318,9 @@ class Soaked:
     rounds: Rounds
     played: int
     held: Sequence[Held]
+    skipped: int = 0
+    hurried: int = 0
+    overloaded: bool = False
 
     @property
     def longest_s(self) -> float:
@@ -291,9 +329,13 @@ class Soaked:
 
     def notes(self, rules: SoakRules) -> list[str]:
         """Return notes on criteria that could not be judged."""
-        return [] if self.longest_s <= rules.late_s else [
+        notes = [] if self.longest_s <= rules.late_s else [
             f'memory was NOT JUDGED: the machine did not keep up, tracks came up to '
             f'{self.longest_s:.0f} s late, and waiting pairs take memory']
+        if self.overloaded:
+            notes.append('skipped pairs, and vehicles that were not measured, were NOT JUDGED: '
+                         'the nodes were overloaded on purpose')
+        return notes
 
     def table(self) -> Table:
         """Tabulate the counts of pairs and passes."""
@@ -315,14 +357,29 @@ class Soaked:
                                        ('all tracks of a pair', self.delays_s))],
             digits=[0, 3, 3, 3, 3])
 
+    def readings_table(self, rules: SoakRules) -> Table:
+        """Tabulate how far the node kept up, and the errors of its live readings and passes."""
+        rounds = self.rounds
+        return Table(
+            title='', columns=[
+                'pairs skipped', 'hurried', 'longest delay of a reading, s', 'readings compared',
+                'wrong', 'on no vehicle', 'worst error, mph', 'worst error, sigma',
+                'passes measured', 'wrong passes'],
+            rows=[[self.skipped, self.hurried, max(self.reading_delays_s, default=float('nan')),
+                   len(rounds.reading_errors), rounds.wrong_readings(rules),
+                   rounds.readings_astray, *rounds.worst_reading,
+                   len(rounds.errors_mps), rounds.wrong(rules)]],
+            digits=[0, 0, 2, 0, 0, 0, 2, 1, 0, 0])
+
     def faults(self, rules: SoakRules) -> list[str]:
         """Return a line for each violated criterion."""
         counts, wrong = self.rounds.counts(self.played), self.rounds.wrong(rules)
         in_time = self.longest_s <= rules.late_s
         found = [line for held in self.held for line in held.faults(rules, in_time)]
-        if self.pairs[1]:
+        found += self._late(rules)
+        if self.pairs[1] and not self.overloaded:
             found.append(f'{self.pairs[1]} of {self.pairs[0]} pairs were lost')
-        if counts['once'] < counts['vehicles']:
+        if counts['once'] < counts['vehicles'] and not self.overloaded:
             found.append(f'{counts["once"]} of {counts["vehicles"]} vehicles were measured once'
                          + ''.join(f', {n} rejected as {reason}'
                                    for reason, n in sorted(self.rounds.reasons.items())))
@@ -330,4 +387,21 @@ class Soaked:
             found.append(f'{counts["astray"]} passes on no vehicle')
         if wrong:
             found.append(f'{wrong} passes are off by more than {rules.wrong_mps:.2f} m/s')
+        wrong_readings = self.rounds.wrong_readings(rules)
+        if wrong_readings:
+            found.append(f'{wrong_readings} live readings are off by more than '
+                         f'{rules.reading_mps:.2f} m/s and {rules.reading_sigmas:g} sigma')
+        if self.rounds.readings_astray:
+            found.append(f'{self.rounds.readings_astray} live readings on no vehicle')
         return found
+
+    def _late(self, rules: SoakRules) -> list[str]:
+        """Return a line if live readings were too late, where that is judged."""
+        if rules.p95_ms is None:
+            return []
+        if not self.reading_delays_s:
+            return ['there is no live reading whose delay could be judged']
+        p95_ms = 1e3 * float(np.percentile(self.reading_delays_s, 95))
+        return [] if p95_ms <= rules.p95_ms else [
+            f'95th percentile of the delay of live readings is {p95_ms:.1f} ms, at most '
+            f'{rules.p95_ms:g} are allowed']

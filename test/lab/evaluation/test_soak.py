@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.units import MPH_MPS
 from stereo_speed.io.truth import VehicleTruth
 from stereo_speed.lab.evaluation.soak import (
     counted_vehicles, Held, lost_pairs, Rounds, Sample, sample_of, Soaked, SoakRules)
@@ -96,6 +97,52 @@ def test_run_is_good_or_its_faults_are_listed():
                    held=[flat])
     assert worse.faults(SoakRules()) == ['2 of 9 pairs were lost',
                                          '1 of 2 vehicles were measured once']
+
+
+def test_wrong_readings_are_counted():
+    rounds = Rounds(TRUTH, {0}, ROUND, START)
+    told, places = passes(TRUTH[0], 1)
+    ns = [at for at, _ in places]
+    # off by 0.9 m/s with 0.1 (more than 1 mph and 4 sigma would be wrong), by 0.5 with 0.05
+    # (10 sigma), by 1 m/s with 0.5 (2 sigma), right; and one without truth
+    rounds.add(told, places, [(ns[3], 10.9, 0.1), (ns[4], 9.5, 0.05), (ns[5], 11.0, 0.5),
+                              (ns[6], 10.0, 0.1), (ns[6] + SECOND // 20, 20.0, 0.1)])
+    assert len(rounds.reading_errors) == 4 and not rounds.readings_astray
+    assert rounds.wrong_readings(SoakRules()) == 2
+    assert rounds.wrong_readings(SoakRules(reading_mps=0.95)) == 0
+    assert rounds.worst_reading == (pytest.approx(1.0 / MPH_MPS), pytest.approx(10.0))
+    told, places = passes(TRUTH[1], 1, verdict='rejected', off_m=30.0)
+    rounds.add(told, places, [(ns[3], 10.0, 0.1)] * 2)
+    assert rounds.readings_astray == 2
+    run = Soaked(minutes=1.0, pairs=(9, 0), rounds=rounds, played=0, held=[])
+    assert run.faults(SoakRules()) == [
+        '2 live readings are off by more than 0.45 m/s and 4 sigma',
+        '2 live readings on no vehicle']
+
+
+def test_delay_of_readings_is_judged_on_request():
+    def faults(p95_ms, *delays_s):
+        return Soaked(minutes=1.0, pairs=(9, 0), reading_delays_s=delays_s, played=0, held=[],
+                      rounds=Rounds(TRUTH, set(), ROUND, START)).faults(SoakRules(p95_ms=p95_ms))
+    late = (0.02,) * 15 + (0.07,) * 5
+    assert faults(None, *late) == faults(71, *late) == faults(60, *late[:15]) == []
+    assert faults(60, *late) == [
+        '95th percentile of the delay of live readings is 70.0 ms, at most 60 are allowed']
+    assert faults(60) == ['there is no live reading whose delay could be judged']
+
+
+def test_overload_on_purpose_may_skip_pairs_but_not_measure_wrong():
+    rounds = Rounds(TRUTH, {0, 1}, ROUND, START)
+    told, places = passes(TRUTH[0], 0)
+    rounds.add(told, places, [(places[3][0], 10.2, 0.1)])
+    run = Soaked(minutes=1.0, pairs=(9, 5), reading_delays_s=[0.2, 1.5], readings=1,
+                 rounds=rounds, played=1, held=[], skipped=5, hurried=3, overloaded=True)
+    assert run.faults(SoakRules()) == []
+    assert run.faults(SoakRules(reading_mps=0.1, reading_sigmas=1)) == [
+        '1 live readings are off by more than 0.10 m/s and 1 sigma']
+    assert 'NOT JUDGED: the nodes were overloaded on purpose' in run.notes(SoakRules())[0]
+    assert run.readings_table(SoakRules()).markdown().splitlines()[-1].strip('| ').split(
+        ' | ') == ['5', '3', '1.50', '1', '0', '0', '0.45', '2.0', '1', '0']
 
 
 def test_memory_is_not_judged_while_pairs_wait():
