@@ -29,7 +29,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import RoadShape, VERTICAL_CURVE, Weights
+from .model import RoadModel, RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
 from .run_off import axes_m, RUN_OFF
 from .wander import Wander, wander_of, WanderEvidence, Ways
@@ -296,7 +296,12 @@ def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
     problem, seen_m = fit.problem, fit.feet.s_m
     model, start = problem.model.as_built(
         shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
-    # With precise picks the cost has many local minima, so fit with the 1-sigma of clicks first.
+    return _closely(problem, model, start)
+
+
+def _closely(problem: RoadProblem, model: RoadModel, start: Array) -> RoadFit:
+    """Fit another model to the picks of a problem, first with the 1-sigma of clicks."""
+    # With precise picks the cost has many local minima.
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
     near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
@@ -480,9 +485,10 @@ def _with_run_off(fit: RoadFit, variance: float) -> Optional[RoadFit]:
     precise = problem.picks.median_std_px < problem.prior.pick_std_px
     if shape.run_off or not any(shape) or not precise:
         return None
-    wide = shape._replace(curvature=max(shape.curvature, 1), tilt=2, run_off=RUN_OFF)
+    wide = shape._replace(curvature=max(shape.curvature, 1), tilt=2,
+                          vertical=max(shape.vertical, 2), run_off=RUN_OFF)
     shapes = [wide._replace(curvature=1, twist=0, vertical=vertical, vertical_curve=curve)
-              for vertical, curve in product({0, shape.vertical}, {0, shape.vertical_curve})]
+              for vertical, curve in product({0, 1, 2, shape.vertical}, {0, shape.vertical_curve})]
     model, x = problem.model.reshaped(wide, fit.x, problem.model.tapered)
     wider = RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
                         problem.wander)
@@ -752,10 +758,10 @@ class _Nearby:
     def fitted(self, shape: RoadShape) -> RoadFit:
         """Fit a family, starting from the road that should be its best one."""
         kept, _, part, slope = self._parts(shape)
-        x = self.fit.x.copy()
-        moved = -np.linalg.solve(part, slope)[kept < len(x)]
-        x[kept[kept < len(x)]] += moved
-        return _reshaped(replace(self.fit, x=x), shape)
+        x, problem = self.fit.x.copy(), self.fit.problem
+        mine = kept < len(x)
+        x[kept[mine]] -= np.linalg.solve(part, slope)[mine]
+        return _closely(problem, *problem.model.reshaped(shape, x, problem.model.tapered))
 
 
 def _as_built(shape: RoadShape) -> list[RoadShape]:
