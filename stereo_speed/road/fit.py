@@ -26,6 +26,7 @@ from itertools import product
 from typing import Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
@@ -737,7 +738,8 @@ class _Nearby:
         self.x = fit.x.copy()
         self.x[model.places.run_off][-1:] = 0.0  # without effect in other families
 
-    def _parts(self, shape: RoadShape) -> tuple[Array, Array, Array, Array]:
+    def _parts(self, shape: RoadShape
+               ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
         """Return the unknowns of a family, the others, and matrix and slope of the former."""
         count = len(self.gradient)
         kept = self.fit.problem.model.columns(shape, count)

@@ -22,7 +22,8 @@ TERMS = 24  # cosines of each series: the last one has a half period of about 2 
 RUN_OFF = 2 * TERMS + 1
 AXIS_STD_M = 5.0  # prior 1-sigma of that offset: the reference line is one of the road's lines
 # The constant belongs to the rate alone: curved roads have one of their own.
-_RATES, _BENDS = np.arange(TERMS), np.arange(1, TERMS + 1)
+_RATES: Array = np.arange(TERMS, dtype=np.float64)
+_BENDS: Array = _RATES + 1
 
 
 def changes(numbers: Array, u: Array, half_length_m: float) -> tuple[Array, Array, Array]:
