@@ -26,11 +26,13 @@ from itertools import product
 from typing import Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .first_guess import guess_road, NoRoadError
-from .model import RoadShape, VERTICAL_CURVE, Weights
+from .model import RoadModel, RoadShape, VERTICAL_CURVE, Weights
 from .problem import DriftPrior, Feet, Picks, pixels, REACH, RoadPrior, RoadProblem
+from .run_off import axes_m, RUN_OFF
 from .wander import Wander, wander_of, WanderEvidence, Ways
 from ..core.records import Array
 from ..estimation.robust import robust_std
@@ -40,7 +42,7 @@ from ..geometry.rig import StereoRig
 ROBUST = 3.3  # residuals, in sigmas, beyond which the soft L1 loss reduces their weight
 # Most parameters of a road's shape: a clothoid needs two of curvature, a hairpin some more; the
 # ends of a parabola in the middle of a road need five of vertical curvature.
-MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE)
+MOST = RoadShape(8, 2, 6, 6, VERTICAL_CURVE, RUN_OFF)
 MAX_STEPS = 40  # limit of the solver's evaluations; fits that converge need 10
 FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot is looked up
 # Scatter in 1-sigmas that not even 30 picks reach by chance; a longer road may explain it.
@@ -53,6 +55,7 @@ _LONGER = REACH  # next half length as a multiple of the farthest foot, see _far
 _NARROW = 0.7  # lower bound of the robust scatter, as a share of the r.m.s. scatter
 _WIDER = RoadShape(curvature=2, tilt=2, vertical=2, twist=2)  # most parameters added in one step
 _TRIED = 3  # most families of one step that are fitted, in the order of their promise
+_RUN_OFF_COUNTS = 2  # parameters as which a run-off counts in the prior probability of a family
 _LEAST_GAIN = 0.0  # least promised gain of the log evidence for which a family is fitted
 _WANDER_ROUNDS = 3  # most alternations between finding roads and how far their lines wander
 _SAME_WANDER = 0.3  # relative change of the 1-sigmas of wandering at which these have converged
@@ -106,11 +109,23 @@ class RoadFit:
     def scale(self) -> float:
         """Return the scatter of the picks, in units of their 1-sigmas."""
         off, wander = self.off, self.problem.wander
-        free = max(len(off) - len(self.x) - (0.0 if wander is None else wander.told), 1)
+        free = max(len(off) - self.told - (0.0 if wander is None else wander.told), 1)
         # The robust estimate keeps one outlier from determining the scatter of the other picks.
         std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))),
                   float(np.sqrt(_least_variance(self.problem))))
         return std * float(np.sqrt(len(off) / free))
+
+    @cached_property
+    def told(self) -> float:
+        """Return the number of unknowns of road and rig that the picks determine."""
+        place = self.problem.model.places.run_off
+        count = place.stop - place.start
+        if not count:
+            return float(len(self.x))
+        # Most coefficients of a run-off are as their priors say.
+        jacobian = self.slope
+        known = np.diag(np.linalg.pinv(jacobian.T @ jacobian))[place]
+        return float(len(self.x) - np.sum(known / self.problem.prior_std[-count:]**2))
 
     @cached_property
     def covariance(self) -> Array:
@@ -282,7 +297,12 @@ def _rebuilt(fit: RoadFit, shape: RoadShape) -> RoadFit:
     problem, seen_m = fit.problem, fit.feet.s_m
     model, start = problem.model.as_built(
         shape, fit.x, (float(seen_m.min()), float(seen_m.max())))
-    # With precise picks the cost has many local minima, so fit with the 1-sigma of clicks first.
+    return _closely(problem, model, start)
+
+
+def _closely(problem: RoadProblem, model: RoadModel, start: Array) -> RoadFit:
+    """Fit another model to the picks of a problem, first with the 1-sigma of clicks."""
+    # With precise picks the cost has many local minima.
     clicks = replace(problem.picks, std_px=np.maximum(
         problem.picks.std_px, problem.prior.pick_std_px))
     near = _solve(RoadProblem(problem.rig, clicks, model, problem.drift, problem.prior), start)
@@ -399,11 +419,12 @@ def in_family(fit: RoadFit, family: RoadFit, drift: DriftPrior) -> RoadFit:
     Fit the family of a road, with tapered lines and the drift of the right camera.
 
     :param fit: road to start from.
-    :param family: road of that family; the start if only one of the two has a vertical curve.
+    :param family: road of that family; the start if only one of the two has a vertical curve or
+        a run-off.
     :param drift: prior knowledge of the drift of the right camera.
     """
     shape = family.problem.model.shape
-    if shape.vertical_curve != fit.problem.model.shape.vertical_curve:
+    if shape[4:] != fit.problem.model.shape[4:]:
         fit = family
     problem = fit.problem
     model, start = problem.model.reshaped(shape, fit.x[:problem.model.size], tapered=True)
@@ -437,6 +458,52 @@ def _search(fits: list[RoadFit], most: int) -> RoadFit:
 
 
 def _explored(fits: list[RoadFit], most: int) -> list[RoadFit]:
+    """
+    Return roads of families that are widened as long as the evidence rises, with run-offs last.
+
+    :param fits: roads to start from.
+    :param most: largest number of curvature coefficients.
+    """
+    fits = _widened(fits, most)
+    # A road that misses kinks makes its picks seem to scatter more.
+    built = _with_run_off(_best(fits), min(variance_of(fits), 1.0))
+    if built is None:
+        return fits
+    fits.append(built)
+    return _widened(fits, most) if _best(fits) is built else fits
+
+
+def _with_run_off(fit: RoadFit, variance: float) -> Optional[RoadFit]:
+    """
+    Fit a road with a run-off if its evidence should be greater, by linear approximation.
+
+    :param fit: best road without one, as far as is known.
+    :param variance: see :meth:`RoadFit.log_evidence`.
+    :return: None if the road is straight and plane or has a run-off already, if its picks are no
+        more precise than clicks, which cannot show kinks, or if a run-off promises nothing.
+    """
+    problem, shape = fit.problem, fit.problem.model.shape
+    precise = problem.picks.median_std_px < problem.prior.pick_std_px
+    if shape.run_off or not any(shape) or not precise:
+        return None
+    wide = shape._replace(curvature=max(shape.curvature, 1), tilt=2,
+                          vertical=max(shape.vertical, 2), run_off=RUN_OFF)
+    shapes = [wide._replace(curvature=1, twist=0, vertical=vertical, vertical_curve=curve)
+              for vertical, curve in product({0, 1, 2, shape.vertical}, {0, shape.vertical_curve})]
+    model, x = problem.model.reshaped(wide, fit.x, problem.model.tapered)
+    wider = RoadProblem(problem.rig, problem.picks, model, problem.drift, problem.prior,
+                        problem.wander)
+    tries = []
+    for axis_m in axes_m(model.offsets(x)):
+        x[model.places.run_off.stop - 1] = axis_m
+        near = _Nearby(RoadFit(wider, x.copy(), fit.cost, wander=fit.wander), variance)
+        tries += [(near.promise(one), near, one) for one in shapes]
+        least = near.promise(shape) + _LEAST_GAIN
+    promise, near, one = max(tries, key=lambda known: known[0])
+    return near.fitted(one) if promise > least else None
+
+
+def _widened(fits: list[RoadFit], most: int) -> list[RoadFit]:
     """
     Return roads of families that are widened as long as the evidence rises.
 
@@ -485,7 +552,8 @@ def _plainer(shape: RoadShape) -> Iterator[RoadShape]:
     """Yield a family and those without some kinds of its parameters."""
     for curvature, *rest in product(sorted({shape.curvature, min(shape.curvature, 1), 0}), *(
             sorted({count, 0}) for count in shape[2:])):
-        yield RoadShape(curvature, shape.tilt if curvature else 0, *rest)
+        if curvature or not rest[-1]:  # a run-off belongs to a bend
+            yield RoadShape(curvature, shape.tilt if curvature else 0, *rest)
 
 
 class _Squares(NamedTuple):
@@ -544,6 +612,7 @@ def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEviden
     rest = np.zeros(size)
     rest[out] = fit.x[out]
     rest[model.places.vertical_curve][:2] = 0.0  # without effect when the change of grade is 0
+    rest[model.places.run_off][-1:] = 0.0  # nor has an axis about which nothing turns
     residual, jacobian = fit.problem.rigid(fit.x), fit.slope
     residual = residual - jacobian @ rest
     residual[:count] *= squares.own
@@ -551,7 +620,8 @@ def _evidence(fit: RoadFit, shape: RoadShape, squares: _Squares) -> WanderEviden
     weighted = jacobian[:, kept].copy()
     weighted[:count] *= squares.slope[:, None]
     return WanderEvidence(
-        squares.ways, residual[rows], weighted[rows], squares.beyond, _least_variance(fit.problem))
+        squares.ways, residual[rows], weighted[rows], squares.beyond, _least_variance(fit.problem),
+        size - fit.told if shape.run_off else 0.0)
 
 
 def _log_beforehand(fit: RoadFit, shape: RoadShape) -> float:
@@ -620,6 +690,8 @@ def log_chance(shape: RoadShape, prior: RoadPrior) -> float:
     """
     plane_bend = bool(shape.curvature) and not shape.tilt
     numbers = sum(shape) - shape.tilt - (shape.curvature > 1)
+    if shape.run_off:
+        numbers += _RUN_OFF_COUNTS - shape.run_off
     return (numbers + plane_bend) * float(np.log(prior.bent_probability))
 
 
@@ -639,28 +711,59 @@ def _promising(fit: RoadFit, known: set[RoadShape], most: int, variance: float
     wider = RoadFit(RoadProblem(
         problem.rig, problem.picks, model, problem.drift, problem.prior, problem.wander), x,
         fit.cost, wander=fit.wander)
-    residual, jacobian = wider.weighted(variance)
-    gradient, normal = jacobian.T @ residual, jacobian.T @ jacobian
-    count = len(gradient)
-    std = np.ones(count)
-    std[model.places.tapers.start:model.size] = wider.problem.prior_std
-
-    def promise(new: RoadShape) -> float:
-        kept = model.columns(new, count)
-        out = np.setdiff1d(np.arange(count), kept)
-        part, rest = normal[np.ix_(kept, kept)], x[out]
-        slope = gradient[kept] - normal[np.ix_(kept, out)] @ rest
-        gain = slope @ np.linalg.solve(part, slope) + rest @ (
-            2 * gradient[out] - normal[np.ix_(out, out)] @ rest)
-        return (0.5 * float(gain - np.linalg.slogdet(part)[1]) - float(np.log(std[kept]).sum())
-                + log_chance(new, problem.prior))
+    near = _Nearby(wider, variance)
     more = (RoadShape(*map(sum, zip(shape, by))) for by in product(
         *(range(b - a + 1) for a, b in zip(shape, wide))))
-    promises = {new: promise(new) for new in (*more, *_narrower(shape))
+    promises = {new: near.promise(new) for new in (*more, *_narrower(shape))
                 if new.tilt != 1 and (new.curvature or not new.tilt)}
     least = promises[shape] + _LEAST_GAIN
     return sorted((p for p in promises if p not in known and promises[p] > least),
                   key=lambda p: -promises[p])[:_TRIED]
+
+
+class _Nearby:
+    """
+    Narrower families about a road, by linear approximation.
+
+    :param fit: the road.
+    :param variance: see :meth:`RoadFit.log_evidence`.
+    """
+
+    def __init__(self, fit: RoadFit, variance: float) -> None:
+        residual, jacobian = fit.weighted(variance)
+        self.fit, model = fit, fit.problem.model
+        self.gradient, self.normal = jacobian.T @ residual, jacobian.T @ jacobian
+        self.std = np.ones(len(self.gradient))
+        self.std[model.places.tapers.start:model.size] = fit.problem.prior_std
+        self.x = fit.x.copy()
+        self.x[model.places.run_off][-1:] = 0.0  # without effect in other families
+
+    def _parts(self, shape: RoadShape
+               ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+        """Return the unknowns of a family, the others, and matrix and slope of the former."""
+        count = len(self.gradient)
+        kept = self.fit.problem.model.columns(shape, count)
+        out = np.setdiff1d(np.arange(count), kept)
+        slope = self.gradient[kept] - self.normal[np.ix_(kept, out)] @ self.x[out]
+        return kept, out, self.normal[np.ix_(kept, kept)], slope
+
+    def promise(self, shape: RoadShape) -> float:
+        """Return the log evidence that a family should have, up to a constant."""
+        kept, out, part, slope = self._parts(shape)
+        rest = self.x[out]
+        gain = slope @ np.linalg.solve(part, slope) + rest @ (
+            2 * self.gradient[out] - self.normal[np.ix_(out, out)] @ rest)
+        return (0.5 * float(gain - np.linalg.slogdet(part)[1])
+                - float(np.log(self.std[kept]).sum())
+                + log_chance(shape, self.fit.problem.prior))
+
+    def fitted(self, shape: RoadShape) -> RoadFit:
+        """Fit a family, starting from the road that should be its best one."""
+        kept, _, part, slope = self._parts(shape)
+        x, problem = self.fit.x.copy(), self.fit.problem
+        mine = kept < len(x)
+        x[kept[mine]] -= np.linalg.solve(part, slope)[mine]
+        return _closely(problem, *problem.model.reshaped(shape, x, problem.model.tapered))
 
 
 def _as_built(shape: RoadShape) -> list[RoadShape]:
@@ -672,9 +775,11 @@ def _as_built(shape: RoadShape) -> list[RoadShape]:
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:
     """Yield the families with one parameter less, or without the tilt."""
-    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1)):
+    for name, less in (('curvature', 1), ('tilt', 2), ('vertical', 1), ('twist', 1),
+                       ('run_off', RUN_OFF)):
         count = getattr(shape, name) - less
-        if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt):
+        if count >= 0 and not (name == 'curvature' and count == 0 and shape.tilt) and not (
+                name == 'tilt' and shape.run_off):
             yield shape._replace(**{name: count})
 
 
@@ -682,7 +787,7 @@ def variance_of(fits: list[RoadFit]) -> float:
     """Return the variance of the picks, in units of their own, about the closest of some roads."""
     problem = fits[0].problem
     count = len(problem.picks.line)
-    return max(min(f.cost / max(count - f.problem.size, 1) for f in fits),
+    return max(min(f.cost / max(count - f.told, 1) for f in fits),
                _least_variance(problem))
 
 

@@ -8,7 +8,8 @@ The road's frame at reference arc length ``s`` is ``G Rz(psi(s)) Ry(-theta(s)) R
 integral of a polynomial curvature, the grade ``theta`` that of a polynomial vertical curvature,
 and the crossfall ``phi`` that of a polynomial twist.  A straight road of constant grade needs
 none of them, because the plane tilts with it; a curve that climbs does.  Real roads join two
-grades by a *vertical curve*, a parabola, whose two ends a polynomial cannot follow.
+grades by a *vertical curve*, a parabola, whose two ends a polynomial cannot follow, and build up
+the crossfall of bends in a *run-off* (:mod:`.run_off`).
 
 The parameters form one vector: a small rotation of the guess (3), a height (1), a lateral offset
 for each line, optionally a taper for each line, and the coefficients of the shape.
@@ -24,6 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from .run_off import changes
 from ..core.records import Array
 
 NODES = 81  # number of nodes along the reference line
@@ -44,6 +46,7 @@ class RoadShape(NamedTuple):
     :param vertical: number of coefficients of the vertical curvature.
     :param twist: number of coefficients of the twist, the change of the crossfall.
     :param vertical_curve: ``VERTICAL_CURVE`` if the road has a vertical curve, else 0.
+    :param run_off: ``RUN_OFF`` if its crossfall changes as along a run-off, else 0.
     """
 
     curvature: int = 0
@@ -51,6 +54,7 @@ class RoadShape(NamedTuple):
     vertical: int = 0
     twist: int = 0
     vertical_curve: int = 0
+    run_off: int = 0
 
     @property
     def flat(self) -> bool:
@@ -113,6 +117,7 @@ class RoadModel:
         out = np.full(self.size, 1e-6)
         out[3:self._first] = 1e-5
         out[self.places.vertical_curve][:-1] = 1e-5
+        out[self.places.run_off][-1:] = 1e-4
         return out
 
     @cached_property
@@ -238,6 +243,8 @@ class RoadModel:
         tilt = self.tilt(x)
         theta = tilt[..., :1] + climb + self._vertical_curve(x[..., self.places.vertical_curve])
         phi = tilt[..., 1:] + roll
+        turned = changes(x[..., self.places.run_off], self._between, self.half_length_m)
+        psi, theta, phi = psi + turned[0], theta + turned[1], phi + turned[2]
         cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
         cf, sf = np.cos(phi), np.sin(phi)
         tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
@@ -268,6 +275,7 @@ class RoadPlaces(NamedTuple):
     :param twist: coefficients of the twist, rad per half length.
     :param vertical_curve: middle and logarithm of the length, in half lengths; change of grade,
         rad.
+    :param run_off: see :data:`.run_off.RUN_OFF`.
     """
 
     offsets: slice
@@ -277,6 +285,7 @@ class RoadPlaces(NamedTuple):
     vertical: slice
     twist: slice
     vertical_curve: slice
+    run_off: slice
 
 
 def _ramp(u: Array, middle: Array, length: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import drift_matrix, RoadModel, Weights
+from .run_off import prior_std
 from .wander import MayWander, Wander
 from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
@@ -327,7 +328,8 @@ class RoadProblem:
             prior.crest_std_per_m * half / number[:shape.vertical],
             prior.twist_std_rad / number[:shape.twist],
             np.array([1.0, prior.vertical_curve_log_std, prior.crest_std_per_m * half]
-                     )[:shape.vertical_curve]])
+                     )[:shape.vertical_curve],
+            prior_std(prior.curvature_std_per_m * half, prior.twist_std_rad)[:shape.run_off]])
 
     @property
     def prior_mean(self) -> Array:

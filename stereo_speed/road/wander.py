@@ -133,12 +133,13 @@ class WanderEvidence:
     :param jacobian: (n + m, size) their derivatives.
     :param beyond: constant to add to the sum of squares of the picks' residuals.
     :param least_variance: least variance of the picks, in units of their own.
+    :param untold: number of unknowns that the picks do not determine.
     """
 
     def __init__(self, ways: Sequence[Ways], residual: Array, jacobian: Array, beyond: float,
-                 least_variance: float) -> None:
+                 least_variance: float, untold: float = 0.0) -> None:
         self.count = sum(len(line.mine) for line in ways)
-        self.least = least_variance
+        self.least, self.untold = least_variance, untold
         off, slope = residual[:self.count], jacobian[:self.count]
         before, weak = residual[self.count:], jacobian[self.count:]
         self.variances = [line.variance for line in ways]
@@ -156,7 +157,7 @@ class WanderEvidence:
 
         :param std_m: (lines,) 1-sigma of the displacement of each line, m.
         """
-        size, variance = len(self._square) - 1, 1.0
+        size, variance = len(self._square) - 1 - self.untold, 1.0
         for _ in range(_ROUNDS):
             square, log_det = self._loosened(std_m, variance)
             fitted = _without(square + variance * self._prior)

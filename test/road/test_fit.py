@@ -20,6 +20,7 @@ from stereo_speed.road.fit import (
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
+from stereo_speed.road.run_off import RUN_OFF, TERMS
 
 
 def lane_of(scene):
@@ -146,13 +147,16 @@ def test_single_line(make_scene):
     assert np.all(lane.heading_std_rad < np.radians(1.0))
 
 
-@pytest.mark.parametrize('shape', [RoadShape(2, 2, 1, 1), RoadShape(2, 2, 0, 1, 3)])
+@pytest.mark.parametrize('shape', [RoadShape(2, 2, 1, 1), RoadShape(2, 2, 0, 1, 3),
+                                   RoadShape(1, 2, 0, 0, 3, RUN_OFF)])
 def test_jacobian_against_differences(make_scene, shape):
     """The analytic elimination of the feet gives the derivative of the residuals."""
     scene = make_scene(curvature=1 / 60)
     model, x = guess_road(scene.rig, list(scene.lines.values()), 2)
     model, x = model.reshaped(shape, x, tapered=True)
     x[model.places.vertical_curve] = np.array([0.1, -0.3, 0.01])[:shape.vertical_curve]
+    x[model.places.run_off] = np.linspace(0.01, 3.0, RUN_OFF)[:shape.run_off] * (
+        np.append(np.full(2 * TERMS, 1e-3), 1.0)[:shape.run_off])
     problem = RoadProblem(scene.rig, Picks.of(scene.lines), model)
     got, h = problem.jacobian(x), 1e-5
     for i in range(model.size):
@@ -217,12 +221,12 @@ def test_evenly_built_up_crossfall_is_modelled(make_scene):
     """Otherwise it would be explained by a turned camera, or by more bends."""
     rig = make_scene().rig
     fit = fit_road(rig, *banked_picks(rig), prior=RoadPrior(wander_probability=0.0))
-    assert fit.problem.model.shape.curvature == 2
+    assert fit.problem.model.shape == RoadShape(1, 2, run_off=RUN_OFF)
     assert fit.residual_px.max() < 0.03
 
 
 def test_residuals_of_a_built_crossfall_are_no_rotated_camera(make_scene):
-    """Lines that wander by millimetres explain them; a rigid road demands a 2.5 sigma rotation."""
+    """A run-off explains them; polynomials without one demand a 2.5 sigma rotation."""
     rig = make_scene().rig
     fit = fit_road(rig, *banked_picks(rig), DriftPrior.loose(np.radians(0.05)))
     assert np.all(np.abs(fit.drift_rad) < 1.5 * np.sqrt(np.diag(fit.covariance)[-3:]))
@@ -399,7 +403,7 @@ def test_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
 @pytest.mark.parametrize('shape, numbers', [
     (RoadShape(), 0), (RoadShape(vertical=1), 1), (RoadShape(1, 2), 1), (RoadShape(2, 2), 1),
     (RoadShape(3, 2), 2), (RoadShape(1), 2), (RoadShape(2, 2, 1, 3), 5),
-    (RoadShape(vertical_curve=3), 3)])
+    (RoadShape(vertical_curve=3), 3), (RoadShape(1, 2, run_off=RUN_OFF), 3)])
 def test_each_additional_number_is_an_exception_but_the_second_of_a_bend(shape, numbers):
     """A clothoid is as common as an arc; a bend that lies in a plane is one more exception."""
     prior = RoadPrior(bent_probability=0.01)

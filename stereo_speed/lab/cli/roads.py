@@ -23,12 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--pan-deg', type=number_in(float, -1, 1), default=0.0, metavar='DEG',
                         help='turn of the right camera since its calibration, to either '
                              'side')
+    parser.add_argument('--run-offs', action='store_true',
+                        help='draw only bends whose superelevation is built up in view')
     add_job_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure the remaining roads, print the table, write the files."""
-    results = run_jobs(road_jobs(args.roads, args.seed, args.pan_deg), measure_road,
+    results = run_jobs(road_jobs(args.roads, args.seed, args.pan_deg, args.run_offs), measure_road,
                        out_dir=args.out, workers=args.jobs, description='roads')
     table = road_table(results)
     if args.out is not None:

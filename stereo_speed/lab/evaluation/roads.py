@@ -100,6 +100,22 @@ def _banked(rng: np.random.Generator) -> RoadConfig:
             rng.choice([-1.0, 1.0])), crossfall_end=-sign * float(rng.uniform(0.04, 0.08)))
 
 
+def _run_off(rng: np.random.Generator) -> RoadConfig:
+    """Return the entry or the exit of a bend, with at least one kink of its crossfall in view."""
+    sign, curvature = _sign(rng), float(rng.uniform(0.008, 0.02))
+    plain = sign * float(rng.choice([-0.025, 0.025])), 0.0
+    banked = -sign * float(rng.uniform(0.04, 0.08)), sign * curvature
+    (fall, bend), (fall_end, bend_end) = (
+        (plain, banked) if rng.uniform() < 0.5 else (banked, plain))
+    length_m = float(rng.uniform(20.0, 40.0))
+    begin_m = float(rng.uniform(4.0, 20.0))
+    if rng.uniform() < 0.5:  # the run-off ends in view, rather than begins
+        begin_m -= length_m
+    return RoadConfig(
+        curvature_start=bend, curvature_end=bend_end, clothoid_m=length_m, clothoid_at_m=begin_m,
+        crossfall_start=fall, crossfall_end=fall_end, grade=float(rng.uniform(-0.04, 0.04)))
+
+
 def _crest_bend(rng: np.random.Generator) -> RoadConfig:
     return _vertical(rng, -float(rng.uniform(0.04, 0.12)), _bend(rng))
 
@@ -118,6 +134,7 @@ KINDS: dict[str, Draw] = {
     'hairpin': _hairpin, 'crest': _crest, 'crest that hides': _hiding_crest, 'sag': _sag,
     'banked bend': _banked, 'bend over a crest': _crest_bend, 'worn lines': _worn,
     'dashed lines': _dashed}
+RUN_OFF = 'bend with run-off'  # kind of road whose superelevation is built up in view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,19 +152,23 @@ class RandomRoad:
     clicks_on: bool
 
 
-def draw_road(seed: int, number: int, pan_deg: float = 0.0) -> RandomRoad:
+def draw_road(seed: int, number: int, pan_deg: float = 0.0, run_off: bool = False) -> RandomRoad:
     """
     Draw a road; kinds take turns.
 
     :param seed: seed of the whole set.
     :param number: number of the road in the set, from 0.
     :param pan_deg: rotation of the right camera to either side since its calibration.
+    :param run_off: whether to draw a bend with a run-off instead.
     """
-    kind = list(KINDS)[number % len(KINDS)]
+    kind = RUN_OFF if run_off else list(KINDS)[number % len(KINDS)]
     rng = np.random.default_rng([seed, number])
-    road = KINDS[kind](rng)
+    road = _run_off(rng) if run_off else KINDS[kind](rng)
     road = replace(road, lanes=int(rng.integers(1, 4)) if kind != 'hairpin' else 2)
-    straight = not road.curvature_end
+    if run_off:  # turned about its right edge, its middle or its left edge
+        about = float(rng.choice([0.0, 0.5, 1.0]))
+        road = replace(road, turned_about_m=(about * road.lanes - 0.5) * road.lane_width_m)
+    straight = not (road.curvature_start or road.curvature_end)
     rig = list(RIGS)[(number // len(KINDS)) % len(RIGS)]
     start_m = float(rng.uniform(60, 75) if straight else rng.uniform(44, 50))
     config = SimConfig(
@@ -169,10 +190,11 @@ def _smaller(rig: RigConfig) -> RigConfig:
                    right_f_px=None if rig.right_f_px is None else SMALLER * rig.right_f_px)
 
 
-def road_jobs(count: int, seed: int, pan_deg: float) -> list[Job]:
+def road_jobs(count: int, seed: int, pan_deg: float, run_off: bool = False) -> list[Job]:
     """Return a job for each road; its parameters are everything that its result depends on."""
     return [Job(key=f'{number:03d}', parameters={
-        'seed': seed, 'number': number, 'pan_deg': pan_deg}) for number in range(count)]
+        'seed': seed, 'number': number, 'pan_deg': pan_deg, 'run_off': run_off})
+        for number in range(count)]
 
 
 def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -183,8 +205,7 @@ def measure_road(parameters: Mapping[str, Any]) -> Mapping[str, Any]:
     :return: errors and 1-sigmas of speeds on the worst lane, as shares, clicked and refined; and
         the messages of the refinement.
     """
-    drawn = draw_road(**{'seed': parameters['seed'], 'number': parameters['number'],
-                         'pan_deg': parameters['pan_deg']})
+    drawn = draw_road(**parameters)
     scene = SimScene(drawn.config)
     rng = np.random.default_rng([parameters['seed'], parameters['number'], 1])
     pick, scenery, bodies = rng.spawn(3)
@@ -263,7 +284,7 @@ def kinds_table(results: Sequence[Result]) -> Table:
     """Return a row for all roads and one for each kind of them, in percent of the speed."""
     values = [r.value for r in results if r.value is not None]
     rows: list[list[Cell]] = []
-    for kind in ('all', *KINDS):
+    for kind in ('all', *KINDS, RUN_OFF):
         mine = [v for v in values if kind in ('all', v['kind'])]
         if mine:
             rows.append([kind, len(mine), *_figures(mine)])

@@ -54,12 +54,13 @@ class RoadConfig:
     """
     The road, in travel direction.
 
-    Its curvature is ``curvature_start`` up to the vehicle's start, then changes linearly over
-    ``clothoid_m`` to ``curvature_end``; a positive one turns left.
+    Its curvature is ``curvature_start`` up to a clothoid, along which it changes linearly to
+    ``curvature_end``; a positive one turns left.
 
     :param curvature_start: curvature of the road's right lane path, 1/m.
     :param curvature_end: the same at the end of the clothoid, 1/m.
     :param clothoid_m: length over which the curvature changes, m.
+    :param clothoid_at_m: station at which the clothoid begins; 0 is the vehicle's start.
     :param grade: rise over plan distance along the road, positive uphill in travel direction.
     :param grade_end: the same beyond the vertical curve; None for ``grade``.
     :param vertical_curve_m: plan length of the parabola between the two grades, a crest or a sag.
@@ -67,6 +68,7 @@ class RoadConfig:
     :param crossfall_start: rise to the left over plan distance, where the curvature is
         ``curvature_start``; it changes along the clothoid as the curvature does.
     :param crossfall_end: the same at the end of the clothoid.
+    :param turned_about_m: offset of the line about which the crossfall turns the road, m.
     :param lanes: number of lanes, 1 to 3; lane 0 is the rightmost.
     :param lane_width_m: distance between two lane markings, centre to centre, m.
     :param marking_width_m: width of a lane marking, m.
@@ -80,12 +82,14 @@ class RoadConfig:
     curvature_start: float = 0.0
     curvature_end: float = 0.0
     clothoid_m: float = 40.0
+    clothoid_at_m: float = 0.0
     grade: float = 0.0
     grade_end: Optional[float] = None
     vertical_curve_m: float = 60.0
     vertical_curve_at_m: float = 20.0
     crossfall_start: float = 0.0
     crossfall_end: float = 0.0
+    turned_about_m: float = 0.0
     lanes: int = 2
     lane_width_m: float = 3.7
     marking_width_m: float = 0.15

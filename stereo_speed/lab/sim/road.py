@@ -5,8 +5,9 @@ The simulated road in its world frame.
 
 World: x along the right lane's path at station 0, y to its left, z up. A point of the road has a
 station (plan arc length along the right lane's path, m) and an offset from that path (positive to
-the left of travel, m). Its height is that of the path, which follows a grade, a parabola and
-another grade, plus the offset times the local crossfall.
+the left of travel, m). Its height is that of the line about which the road is turned, which
+follows a grade, a parabola and another grade, plus the offset from that line times the local
+crossfall.
 """
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ class Road:
 
     def __init__(self, config: RoadConfig) -> None:
         self.config = config
-        middle = config.clothoid_m / 2
+        self._middle_m = middle = config.clothoid_at_m + config.clothoid_m / 2
         curvature = max(abs(config.curvature_start), abs(config.curvature_end))
         # A full circle would overlap itself, so a gap is left on the far side.
         half = min(200.0, 2.2 / curvature) if curvature else 250.0
@@ -55,17 +56,22 @@ class Road:
     def curvature(self, station_m: ArrayLike) -> Array:
         """Return the curvature of the right lane's path, 1/m."""
         c = self.config
-        share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
-        return np.asarray(c.curvature_start + (c.curvature_end - c.curvature_start) * share)
+        return np.asarray(c.curvature_start
+                          + (c.curvature_end - c.curvature_start) * self._share(station_m))
 
     def crossfall(self, station_m: ArrayLike) -> Array:
         """Return the rise to the left over plan distance."""
         c = self.config
-        share = np.clip(np.asarray(station_m) / c.clothoid_m, 0.0, 1.0)
-        return np.asarray(c.crossfall_start + (c.crossfall_end - c.crossfall_start) * share)
+        return np.asarray(c.crossfall_start
+                          + (c.crossfall_end - c.crossfall_start) * self._share(station_m))
+
+    def _share(self, station_m: ArrayLike) -> Array:
+        """Return which share of the clothoid lies before a station."""
+        c = self.config
+        return np.clip((np.asarray(station_m) - c.clothoid_at_m) / c.clothoid_m, 0.0, 1.0)
 
     def _vertical(self, station_m: Array) -> tuple[Array, Array]:
-        """Return height and grade of the right lane's path; the height at station 0 is 0."""
+        """Return height and grade of the line that is not turned; the height at station 0 is 0."""
         c = self.config
         change = (c.grade if c.grade_end is None else c.grade_end) - c.grade
 
@@ -81,19 +87,25 @@ class Road:
         """Return the height of points of the surface, m."""
         s = np.asarray(station_m, dtype=float)
         banked = np.clip(np.asarray(offset_m, dtype=float), -BANKED_M, BANKED_M)
-        return np.asarray(self._vertical(s)[0] + banked * self.crossfall(s))
+        beside = banked - self.config.turned_about_m
+        return np.asarray(self._vertical(s)[0] + beside * self.crossfall(s))
 
     def slope(self, station_m: ArrayLike, offset_m: ArrayLike = 0.0) -> Array:
         """Return the rise per station of the line at this offset."""
         c, s = self.config, np.asarray(station_m, dtype=float)
-        twist = np.where((s > 0) & (s < c.clothoid_m),
+        into = s - c.clothoid_at_m
+        twist = np.where((into > 0) & (into < c.clothoid_m),
                          (c.crossfall_end - c.crossfall_start) / c.clothoid_m, 0.0)
-        return np.asarray(self._vertical(s)[1] + np.asarray(offset_m) * twist)
+        return np.asarray(self._vertical(s)[1] + (np.asarray(offset_m) - c.turned_about_m) * twist)
 
     def heading(self, station_m: ArrayLike) -> Array:
         """Return the heading of the right lane's path, rad, anticlockwise from x."""
+        return self._turned(station_m) - self._turned(0.0)
+
+    def _turned(self, station_m: ArrayLike) -> Array:
+        """Return the heading relative to that where the clothoid begins, rad."""
         c = self.config
-        s = np.asarray(station_m, dtype=float)
+        s = np.asarray(station_m, dtype=float) - c.clothoid_at_m
         inside = np.clip(s, 0.0, c.clothoid_m)
         beyond = s - inside
         change = c.curvature_end - c.curvature_start
@@ -150,7 +162,7 @@ class Road:
         if curvature == 0:
             return x, y
         radius = 1 / curvature
-        middle = self.config.clothoid_m / 2 * curvature
+        middle = self._middle_m * curvature
         # The angle is relative to the road's middle, so that its discontinuity is in the gap.
         c, s = np.cos(middle), np.sin(middle)
         across, along = radius - y, x

@@ -228,7 +228,9 @@ class SimScene:
     def _stations(self) -> dict[int, CubicHermiteSpline]:
         """Return station over arc length of each lane's path, 0 at station 0."""
         road, splines = self.road, {}
-        s = np.union1d(np.linspace(road.from_m, road.to_m, 4001), [0.0, road.config.clothoid_m])
+        begin_m = road.config.clothoid_at_m
+        s = np.union1d(np.linspace(road.from_m, road.to_m, 4001), [
+            0.0, begin_m, begin_m + road.config.clothoid_m])
         for lane in range(road.config.lanes):
             rate = road.length_per_station(s, road.lane_offset(lane))
             arc = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(s))])

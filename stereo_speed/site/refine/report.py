@@ -220,7 +220,7 @@ def summary_lines(refined: RefinedSite, figures: Report) -> list[str]:
             (shape.tilt, 'grade and crossfall in the bend'),
             (shape.vertical, f'changing grade ({shape.vertical})'),
             (shape.twist, f'changing crossfall ({shape.twist})'),
-            (shape.vertical_curve, 'vertical curve')) if count]
+            (shape.vertical_curve, 'vertical curve'), (shape.run_off, 'run-off')) if count]
         out.append(f'road: {kind}, {", ".join(bent) or "plane surface"}')
     for lane in figures.lanes:
         mph = lane.limit_mps / MPH_MPS

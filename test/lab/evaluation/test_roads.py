@@ -8,7 +8,9 @@ import math
 import numpy as np
 import pytest
 from stereo_speed.batch.job import Result
-from stereo_speed.lab.evaluation.roads import draw_road, KINDS, kinds_table, road_figures
+from stereo_speed.lab.evaluation.roads import (
+    draw_road, KINDS, kinds_table, road_figures, RUN_OFF)
+from stereo_speed.lab.sim.road import Road
 
 
 def road(kind, clicks, refined, std=0.001, turned=False):
@@ -45,3 +47,14 @@ def test_kinds_alternate_and_cameras_rotate_to_either_side():
     pans = np.array([road.config.rig_moved_deg[0] for road in drawn])
     assert set(np.abs(pans)) == {0.02} and abs(np.sign(pans).sum()) < len(pans)
     assert draw_road(0, 3).config == draw_road(0, 3).config != draw_road(1, 3).config
+
+
+@pytest.mark.parametrize('number', range(12))
+def test_run_offs_begin_or_end_in_view_and_turn_about_a_line_or_the_middle(number):
+    drawn = draw_road(0, number, run_off=True)
+    config, lines = drawn.config.road, Road(drawn.config.road).line_offsets()
+    ends_m = config.clothoid_at_m, config.clothoid_at_m + config.clothoid_m
+    assert drawn.kind == RUN_OFF and any(4 <= end <= 20 for end in ends_m)
+    assert 0.0 in (config.curvature_start, config.curvature_end)
+    assert any(config.turned_about_m == pytest.approx(place) for place in (
+        lines['edge_right'], lines['edge_left'], (lines['edge_right'] + lines['edge_left']) / 2))

@@ -43,7 +43,8 @@ ROAD = {
     'curvature_start': -0.02, 'curvature_end': 0.06, 'clothoid_m': 20.0, 'grade': 0.03,
     'lanes': 3, 'lane_width_m': 3.2, 'marking_width_m': 0.4, 'dash_m': 5.0, 'gap_m': 2.0,
     'receding': (0,), 'grade_end': -0.05, 'vertical_curve_m': 20.0, 'vertical_curve_at_m': 5.0,
-    'crossfall_start': 0.06, 'crossfall_end': 0.06, 'dashed_edges': True, 'wear': 0.8}
+    'crossfall_start': 0.06, 'crossfall_end': 0.06, 'clothoid_at_m': 9.0, 'turned_about_m': 3.7,
+    'dashed_edges': True, 'wear': 0.8}
 VEHICLE = {
     'speed_mps': 20.0, 'accel_mps2': -4.0, 'speed_knots': ((0.0, 20.0), (1.0, 15.0)), 'lane': 1,
     'lateral_knots': ((0.0, 0.0), (1.0, 2.0)), 'head_start_m': 5.0, 'front_width_m': 1.4,
@@ -97,7 +98,7 @@ def _inside(outer, name):
 
 # A short bend: the search for its stations takes little time.
 BEND = replace(PLAIN, start_m=32.0, road=RoadConfig(
-    curvature_start=0.04, curvature_end=0.05, grade_end=0.04))
+    curvature_start=0.04, curvature_end=0.05, crossfall_end=0.02, grade_end=0.04))
 SWEEP = [
     *((RigConfig, name, _inside(PLAIN, 'rig'), value) for name, value in RIG.items()),
     *((RoadConfig, name, _inside(BEND, 'road'), value) for name, value in ROAD.items()),

@@ -18,6 +18,8 @@ from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import exact_site, initial_fronts, picked_site
 
 CLOTHOID = RoadConfig(curvature_start=0.004, curvature_end=0.035, clothoid_m=40.0, grade=0.03)
+RUN_OFF = RoadConfig(curvature_start=0.02, clothoid_m=30.0, clothoid_at_m=10.0,
+                     crossfall_start=-0.06, crossfall_end=0.02, turned_about_m=3.7)
 
 
 @pytest.mark.parametrize('radius', [41.0, -41.0])
@@ -31,7 +33,7 @@ def test_circle_by_hand(radius):
 
 @pytest.mark.parametrize('config', [
     RoadConfig(), RoadConfig(curvature_start=1 / 41, curvature_end=1 / 41),
-    RoadConfig(curvature_start=-1 / 60, curvature_end=-1 / 60), CLOTHOID,
+    RoadConfig(curvature_start=-1 / 60, curvature_end=-1 / 60), CLOTHOID, RUN_OFF,
     RoadConfig(curvature_start=-0.02, curvature_end=0.02)])
 def test_station_inverts_position(config):
     road = Road(config)
@@ -42,7 +44,7 @@ def test_station_inverts_position(config):
         np.testing.assert_allclose(found, offset, atol=1e-5)
 
 
-@pytest.mark.parametrize('config', [RoadConfig(grade=0.1), CLOTHOID])
+@pytest.mark.parametrize('config', [RoadConfig(grade=0.1), CLOTHOID, RUN_OFF])
 def test_frame_equals_the_derivative(config):
     road = Road(config)
     for s, n in ((3.0, 0.0), (25.0, 3.7), (50.0, -2.0)):
@@ -53,6 +55,15 @@ def test_frame_equals_the_derivative(config):
         assert np.linalg.det(frame) == pytest.approx(1.0)
         assert np.linalg.norm(step) / 2e-4 == pytest.approx(
             float(road.length_per_station(s, n)), rel=1e-7)
+
+
+def test_run_off_by_hand():
+    """An arc of 50 m, then a clothoid of 30 m; the line that is not turned stays level."""
+    road = Road(RUN_OFF)
+    np.testing.assert_allclose(road.heading([0.0, 10.0, 25.0, 40.0, 60.0]),
+                               [0.0, 0.2, 0.2 + 0.3 - 0.075, 0.5, 0.5], atol=1e-12)
+    np.testing.assert_allclose(road.height([0.0, 20.0, 60.0], 3.7), 0.0, atol=1e-12)
+    np.testing.assert_allclose(road.height([0.0, 25.0, 60.0], 1.7), [0.12, 0.04, -0.04])
 
 
 def test_braking_to_a_stop_by_hand():
