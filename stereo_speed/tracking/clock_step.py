@@ -23,6 +23,7 @@ from ..core.stamp_watch import Gap
 
 _REJECTED = math.log(100.0)  # log odds of a step from which a pass is rejected
 _SURE = math.log(1e4)  # log odds from which a step, or that there was none, is taken as a fact
+_READ = -math.log(20.0)  # log odds up to which there are live readings
 _RECENT_NS = 1_000_000_000  # age up to which a gap affects live readings
 
 
@@ -51,31 +52,38 @@ class ClockWatch:
     """
     Judges the gaps of the stream while a pass is under way.
 
-    ``doubtful`` is whether a step is more likely than missing images in a recent gap.  ``step`` is
-    a gap in which the clock was certainly set; None if there is none.
+    ``doubtful`` is whether a step is possible in a recent gap.  ``step`` is a gap in which the
+    clock was certainly set; None if there is none.
 
     :param solver: solves the pass.
     """
 
     def __init__(self, solver: Solver) -> None:
         self._solver = solver
-        self._missing_ns: frozenset[int] = frozenset()  # ends of gaps with certainly no step
+        self._odds: dict[int, float] = {}  # log odds of the recent gaps, by the ends of these
         self.doubtful = False
         self.step: Optional[Gap] = None
 
     def judge(self, window: Window, motion: PassMotion, gaps: Sequence[Gap]) -> None:
-        """Judge the recent gaps by a window that has just been solved."""
-        newest_ns = window.pairs[-1].stamp_ns
-        self.doubtful = self.step is not None
-        for gap in gaps:
-            if newest_ns - gap.after_ns > _RECENT_NS or gap.after_ns in self._missing_ns:
+        """
+        Judge the recent gaps by a window that has just been solved.
+
+        A gap keeps its odds if the pairs before it have been dropped, as they may have been
+        because the vehicle is taken to be elsewhere since.
+        """
+        newest_ns, known = window.pairs[-1].stamp_ns, self._odds
+        recent = [gap for gap in gaps if newest_ns - gap.after_ns < _RECENT_NS]
+        self._odds = {gap.after_ns: known.get(gap.after_ns, -math.inf) for gap in recent}
+        for gap in recent:
+            if -math.inf < self._odds[gap.after_ns] < -_SURE:
                 continue
             odds = log_odds(window, self._solver, motion, [gap])
-            self.doubtful |= odds > 0
+            if odds > -math.inf:
+                self._odds[gap.after_ns] = odds
             if odds > _SURE:
                 self.step = gap
-            elif -math.inf < odds < -_SURE:
-                self._missing_ns |= {gap.after_ns}
+        self.doubtful = self.step is not None or any(
+            odds > _READ for odds in self._odds.values())
 
 
 def _with_steps(window: Window, gap: Gap) -> list[Array]:
