@@ -148,7 +148,8 @@ TRIALS: Mapping[str, Trial] = {
     # At 20 pairs a second more pairs wait than are kept.
     'start_without_info': _start(ERROR, 'no_info', 4.0),
     'no_info': _always(ERROR, 'pipeline', reads=False),
-    'info_other': Trial(WARN, 'pipeline'),
+    'info_other': Trial(WARN, 'pipeline', silent_s=3.0,
+                        why_silent='measuring starts anew with another calibration, and back'),
     'camera_without_profile': _no_profile('camera'),
     'all_without_profile': _no_profile('camera', 'nodes'),
     'kill_search_process': Trial(WARN, 'pipeline', stream='none', kill_helper='search_process'),
