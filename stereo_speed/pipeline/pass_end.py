@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Mapping, Optional, Sequence
+from typing import Mapping, Optional
 
 import numpy as np
 
 from .track import Track
 from ..classification.classes import is_edge
 from ..core.passes import Direction, PassResult, Reason, Verdict
-from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
 from ..road.lanes import LanePath
 from ..second.estimate import with_second
@@ -29,7 +28,6 @@ class PassEnd:
     :param doubt: uncertainty due to the rig.
     :param lag_share: 1-sigma of the speed due to the view lag, as a share of it.
     :param rig_shares: lane name to 1-sigma of the speed due to a turned camera, as a share of it.
-    :param gaps: gaps of the stream, among them those in the pass.
     :param reason: why the pass is rejected in any case; None to let the measurement decide.
     """
 
@@ -39,13 +37,11 @@ class PassEnd:
     doubt: SpeedDoubt
     lag_share: float
     rig_shares: Mapping[str, float]
-    gaps: Sequence[Gap]
     reason: Optional[Reason]
 
     def __call__(self) -> PassResult:
         """Return the result of the pass."""
         track = self.track
-        track.see_gaps(self.gaps)
         result = replace(
             track.lanes.conclude(track.tracker.result()), vehicle=track.size.measured(),
             trace=track.trace.built(track.stamp_std_s))

@@ -372,12 +372,15 @@ class SpeedPipeline:
 
         A step forward by whole periods shows only in where vehicles are after it.
         """
-        gaps, tracks = tuple(self.stamp_watch.gaps), self._roster.tracks
-        step = next((gap for gap in (t.clock_step for t in tracks) if gap in gaps), None)
+        gaps = tuple(self.stamp_watch.gaps)
+        if not gaps:
+            return
+        steps = (track.clock_step for track in self._roster.tracks)
+        step = next((step for step in steps if step in gaps), None)
         if step is not None:
             self.stamp_watch.take_for_step(step)
             self._end_by_step()
-        for track in self._roster.tracks if gaps else ():
+        for track in self._roster.tracks:
             track.see_gaps(gaps)
 
     @property
@@ -602,12 +605,12 @@ class SpeedPipeline:
         lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._doubt.shares(
             self.steadier, track.drift_change_rad)
+        track.see_gaps(tuple(self.stamp_watch.gaps))  # it may have started in the newest pair
         track.restart_pairs = None  # otherwise the pass process would be sent these images
         self._concluding.add(track.tracker.track)
         self._conclusions.add(
             PassEnd(
-                track, self.lanes, self.config, self._doubt, lag_share, rig_shares,
-                tuple(self.stamp_watch.gaps), reason),
+                track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
             partial(self._concluding.discard, track.tracker.track))
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from .keyframes import Window
 from .motion_prior import PassMotion
 from .solution import Solver
-from ..core.records import Array
 from ..core.stamp_watch import Gap
 
 _REJECTED = math.log(100.0)  # log odds of a step from which a pass is rejected
@@ -36,10 +35,14 @@ def log_odds(window: Window, solver: Solver, motion: PassMotion, gaps: Iterable[
     :param gaps: gaps of the stream; those outside the window do not count.
     :return: that of the most likely step; -inf if none is possible.
     """
-    steps = [times_s for gap in gaps for times_s in _with_steps(window, gap)]
+    stamps_ns = np.array([pair.stamp_ns for pair in window.pairs])
+    counted_ns, times_s = stamps_ns[window.counts()], window.times_s
+    steps = [times_s - (stamps_ns >= gap.after_ns) * step * gap.period_s for gap in gaps
+             if counted_ns.size and counted_ns[0] < gap.after_ns <= counted_ns[-1]
+             for step in range(1, gap.periods)]
     if not steps:
         return -math.inf
-    as_stamped, *others = solver.log_evidences(window, motion, [window.times_s, *steps])
+    as_stamped, *others = solver.log_evidences(window, motion, [times_s, *steps])
     return float(max(others) - as_stamped)
 
 
@@ -84,12 +87,3 @@ class ClockWatch:
                 self.step = gap
         self.doubtful = self.step is not None or any(
             odds > _READ for odds in self._odds.values())
-
-
-def _with_steps(window: Window, gap: Gap) -> list[Array]:
-    """Return the times (n,) of the keyframes, s, for each step of the clock in a gap."""
-    stamps_ns = np.array([pair.stamp_ns for pair in window.pairs])
-    after, counts = stamps_ns >= gap.after_ns, window.counts()
-    if not (counts & after).any() or not (counts & ~after).any():
-        return []
-    return [window.times_s - after * step * gap.period_s for step in range(1, gap.periods)]

@@ -9,6 +9,7 @@ from typing import Iterable, Mapping, NamedTuple, Optional, Sequence, TYPE_CHECK
 
 from .fault_trials import ERROR, OK, Trial, WARN
 from .fault_truth import Compared, Truth
+from ..evaluation.soak import SoakRules
 from ...core.units import MPH_MPS
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ HEADING = (
     '| right again after, s | /diagnostics | OK again | result |\n'
     '|---|---|---|---|---|---|---|---|---|---|---|---|')
 _QUIET_S = 2.0  # time at the start in which no output is expected
-_WRONG_MPH, _WRONG_SIGMAS = 1.0, 4.0
+_RULES = SoakRules()  # readings and passes are wrong by the same rule as readings of a long run
 _SAID = 4  # number of findings shown
 _LEVELS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 # Findings about the machine that runs the trial. They tell nothing about the fault.
@@ -211,4 +212,4 @@ def _sigmas(found: Compared) -> float:
 
 
 def _is_wrong(found: Compared) -> bool:
-    return abs(found.error_mps) > _WRONG_MPH * MPH_MPS and abs(_sigmas(found)) > _WRONG_SIGMAS
+    return _RULES.is_wrong(found.error_mps, found.std_mps)

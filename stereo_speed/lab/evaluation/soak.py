@@ -51,6 +51,10 @@ class SoakRules:
     reading_sigmas: float = 4.0
     p95_ms: Optional[float] = None
 
+    def is_wrong(self, error_mps: float, std_mps: float) -> bool:
+        """Return whether a live reading with such an error and 1-sigma is wrong, m/s."""
+        return abs(error_mps) > max(self.reading_mps, self.reading_sigmas * std_mps)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
@@ -231,8 +235,7 @@ class Rounds:
 
     def wrong_readings(self, rules: SoakRules) -> int:
         """Return how many live readings are off by more than the rules allow, both ways."""
-        return sum(abs(error) > max(rules.reading_mps, rules.reading_sigmas * std)
-                   for error, std in self.reading_errors)
+        return sum(rules.is_wrong(error, std) for error, std in self.reading_errors)
 
     @property
     def worst_reading(self) -> tuple[float, float]:
