@@ -150,6 +150,8 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
             StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance))
         helpers = open_.enter_context(Helpers.of(
             bag.pair_count, None if annotations is not None else config.detector, beside=beside))
+        if helpers.ahead:  # a thread, thus only now that the processes are forked
+            bag.hash_ahead()
         place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
                                  config.site)
         figures = None if place.refined is None else report(place.refined)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .camera_info import check_image_size, rig_from_info, same_calibration
 from .images import grey_from_message
-from .recording import hash_files, RawMessage, Recording, WHOLE
+from .recording import FilesHash, RawMessage, Recording, WHOLE
 from .source_image import SourceImage
 from .topics import choose_topics, SIDES, StereoTopics
 from ..core.errors import BagError
@@ -78,7 +78,7 @@ class StereoBag:
         self.path = Path(path)
         self._given = (left, right)
         self._wanted_tolerance_ns = tolerance_ns
-        self._hash: Optional[str] = None
+        self._hash = FilesHash(self.path)
 
     def __enter__(self) -> StereoBag:
         self._recording = Recording(self.path)
@@ -95,6 +95,7 @@ class StereoBag:
 
     def close(self) -> None:
         """Close the files; closing twice does no harm."""
+        self._hash.close()
         self._recording.close()
 
     @property
@@ -160,9 +161,11 @@ class StereoBag:
 
     def input_hash(self) -> str:
         """SHA-256, hex, of the bag's files; see :func:`.recording.hash_files`."""
-        if self._hash is None:
-            self._hash = hash_files(self.path)
-        return self._hash
+        return self._hash.value()
+
+    def hash_ahead(self) -> None:
+        """Begin to compute :meth:`input_hash` in a thread."""
+        self._hash.begin()
 
     def _stream(self, plan: NDArray[np.int64]) -> Iterator[StereoPair]:
         held: tuple[dict[int, RawMessage], ...] = ({}, {})

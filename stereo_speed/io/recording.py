@@ -7,10 +7,12 @@ Only this module and ``lab.sim`` use rosbags.
 """
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 import hashlib
 from pathlib import Path
 import struct
+import threading
 from typing import Any, Collection, Iterator, NamedTuple, Optional, Sequence, Union
 
 from rosbags.highlevel import AnyReader
@@ -173,15 +175,56 @@ def _check_path(path: Path) -> None:
         raise BagError(path, 'bag', f'a file ending in {path.suffix!r}', wanted)
 
 
-def hash_files(path: Path) -> str:
+def hash_files(path: Path, stop: Optional[threading.Event] = None) -> str:
     """
     Hash a bag's files, independently of the folder's name.
 
+    :param path: the bag, a file or a folder.
+    :param stop: ends it early where it is set, by another thread.
     :return: SHA-256, hex: of the file, or for a folder of the lines that ``sha256sum`` prints
         for its files, in order of their names.
+    :raises CancelledError: it was ended early.
     """
     if path.is_file():
-        return file_sha256(path)
+        return file_sha256(path, stop)
     files = sorted(p for p in path.iterdir() if p.is_file())
-    lines = ''.join(f'{file_sha256(p)}  {p.name}\n' for p in files)
+    lines = ''.join(f'{file_sha256(p, stop)}  {p.name}\n' for p in files)
     return hashlib.sha256(lines.encode()).hexdigest()
+
+
+class FilesHash:
+    """
+    The hash of a bag's files, on request computed by a thread of its own; see :func:`hash_files`.
+
+    Hashing a bag of raw images takes a second per 2 GB, as long as a tenth of measuring it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stop = threading.Event()
+        self._thread: Optional[ThreadPoolExecutor] = None
+        self._value: Optional[Future[str]] = None
+
+    def begin(self) -> None:
+        """Begin to hash in a thread."""
+        if self._thread is None:
+            self._thread = ThreadPoolExecutor(1, 'hash')
+            self._value = self._thread.submit(hash_files, self._path, self._stop)
+
+    def value(self) -> str:
+        """
+        Return the hash, once it is there.
+
+        :raises OSError: a file that cannot be read.
+        :raises CancelledError: its thread was ended early.
+        """
+        if self._value is None:
+            self._value = Future()
+            self._value.set_result(hash_files(self._path))
+        return self._value.result()
+
+    def close(self) -> None:
+        """End the thread, also in the middle of a file."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.shutdown()

@@ -10,6 +10,7 @@ finished run.
 """
 from __future__ import annotations
 
+from concurrent.futures import CancelledError
 import dataclasses
 from enum import Enum
 import hashlib
@@ -18,6 +19,7 @@ import json
 import math
 from pathlib import Path
 import platform
+import threading
 from typing import Any, ContextManager, Iterable, Mapping, Optional, Sequence
 
 import cv2
@@ -77,11 +79,19 @@ def staged_run(out_dir: PathLike) -> ContextManager[Path]:
     return staged(out_dir, _OLDER)
 
 
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, hex; large files are read in blocks."""
+def file_sha256(path: Path, stop: Optional[threading.Event] = None) -> str:
+    """
+    Return the SHA-256 of a file, hex; large files are read in blocks.
+
+    :param path: the file.
+    :param stop: ends it early where it is set, by another thread.
+    :raises CancelledError: it was ended early.
+    """
     digest = hashlib.sha256()
     with path.open('rb') as stream:
         for block in iter(lambda: stream.read(1 << 20), b''):
+            if stop is not None and stop.is_set():
+                raise CancelledError(f'no longer wanted: the hash of {path}')
             digest.update(block)
     return digest.hexdigest()
 

@@ -1,8 +1,11 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """Tiny bags of every kind: written, read, compared; and every kind of fault."""
+from concurrent.futures import CancelledError
 import hashlib
+import io
 import logging
+from pathlib import Path
 import shutil
 
 import numpy as np
@@ -130,6 +133,25 @@ def test_input_hash_is_that_of_the_bytes(write, tmp_path):
     assert StereoBag(file).input_hash() == hashlib.sha256(file.read_bytes()).hexdigest()
     file.write_bytes(file.read_bytes() + b'x')
     assert StereoBag(moved).input_hash() != first
+
+
+def test_hash_in_a_thread_is_the_same_and_ends_with_the_bag(write, monkeypatch):
+    folder = write()
+    with StereoBag(folder) as bag:
+        bag.hash_ahead()
+        assert bag.input_hash() == StereoBag(folder).input_hash()
+    assert bag.input_hash() == StereoBag(folder).input_hash()
+
+    class Endless(io.BytesIO):
+        """Never comes to its end."""
+
+        def read(self, size=-1):
+            return bytes(size)
+    with StereoBag(folder) as bag:
+        monkeypatch.setattr(Path, 'open', lambda *_: Endless())
+        bag.hash_ahead()
+    with pytest.raises(CancelledError, match='no longer wanted'):
+        bag.input_hash()
 
 
 def refused(path, told, error=BagError, **options):
