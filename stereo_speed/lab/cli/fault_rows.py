@@ -79,18 +79,22 @@ class Row:
     levels: Mapping[str, int] = field(default_factory=dict)
     back: bool = True
 
+    @property
+    def is_wrong(self) -> bool:
+        """Return whether a reading or a pass is wrong, or on no vehicle."""
+        return bool(self.wrong or self.wrong_passes or self.nowhere)
+
     def failures(self, trial: Trial, length_s: float, rate: float, slack: float) -> list[str]:
         """
         Return what was not as expected.
 
         :param trial: how the fault was played, and what is expected.
-        :param length_s: duration of faults that have none of their own.
+        :param length_s: duration of the fault, s of the bag.
         :param rate: speed of the replay.
         :param slack: multiple of the limit of silence that a slow machine may take.
         """
         highest = max(self.levels.values(), default=OK)
-        lasts_s = (length_s if trial.length_s is None else trial.length_s) / rate
-        brief = lasts_s <= trial.takes_s
+        brief = length_s / rate <= trial.takes_s
         wanted, task = (min(trial.level, WARN), '') if brief else (trial.level, trial.task)
         reached = self.levels.get(task, OK) if task else highest
         most = trial.level if trial.most is None else trial.most

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 import os
 
 import pytest
 from stereo_speed.core.errors import InputError
-from stereo_speed.lab.cli import faults
+from stereo_speed.lab.cli import fault_play, faults
+from stereo_speed.lab.cli.fault_rows import Row
 from stereo_speed.lab.cli.fault_trials import TRIALS
 
 
@@ -34,6 +36,33 @@ def test_slack_is_three_and_at_least_one(capsys):
     assert 'not in [1, 100]' in capsys.readouterr().err
 
 
+GOOD = Row('black', True, 30, 0, 4, 0, 0, 1.0, 0.4, '', {'left camera': 2})
+
+
+@pytest.mark.parametrize('rows, played, status', [
+    ([GOOD], 1, 0), ([replace(GOOD, silent_s=20.0), GOOD], 2, 0),
+    ([replace(GOOD, silent_s=20.0)] * 2, 2, 1), ([replace(GOOD, wrong=1), GOOD], 1, 1),
+    ([replace(GOOD, nowhere=1), GOOD], 1, 1)])
+def test_late_row_is_played_again_and_a_wrong_one_is_not(
+        rows, played, status, monkeypatch, capsys):
+    monkeypatch.setattr(faults, 'recorded', lambda folder: None)
+    monkeypatch.setattr(faults, 'private_graph', lambda: None)
+    left = list(rows)
+    monkeypatch.setattr(faults, 'play', lambda how, recorded: left.pop(0))
+    assert faults.run(parsed('--single', '--fault', 'black', '--again', '1')) == status
+    out, err = capsys.readouterr()
+    assert out.count('| `black`') == played
+    assert err.count('FAILED') == played - (status == 0)
+
+
+def test_trial_keeps_times_of_its_own():
+    args = parsed('--single', '--start', '6', '--length', '2')
+    of_its_own = faults.playing('start_with_info_nan', args)
+    assert (of_its_own.first_s, of_its_own.length_s) == (0.0, 1.0)
+    usual = faults.playing('black', args)
+    assert (usual.first_s, usual.length_s) == (6.0, 2.0)
+
+
 @pytest.mark.parametrize('name, role, there', [
     ('none', 'camera', True), ('camera_without_profile', 'camera', False),
     ('camera_without_profile', 'nodes', True), ('all_without_profile', 'camera', False),
@@ -41,10 +70,10 @@ def test_slack_is_three_and_at_least_one(capsys):
 def test_processes_start_without_the_profile_and_others_keep_it(monkeypatch, name, role, there):
     variable = 'FASTRTPS_DEFAULT_PROFILES_FILE'
     monkeypatch.setenv(variable, 'a.xml')
-    with faults.profile_of(role, TRIALS[name]):
+    with fault_play.profile_of(role, TRIALS[name]):
         assert os.environ.get(variable) == ('a.xml' if there else None)
     assert os.environ[variable] == 'a.xml'
     monkeypatch.delenv(variable)
-    with faults.profile_of(role, TRIALS[name]):
+    with fault_play.profile_of(role, TRIALS[name]):
         pass
     assert variable not in os.environ
