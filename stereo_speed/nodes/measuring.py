@@ -388,7 +388,7 @@ class Measuring:
             self.log.warning('stamps jumped back: waiting pairs discarded')
             self._waiting.clear()
         if len(self._waiting) == self._waiting.maxlen:
-            self.counts.skipped.add()
+            self.counts.early.add()
         self._waiting.append(arrival)
         self._begin()
 
@@ -420,7 +420,7 @@ class Measuring:
             if settings.refine_pairs or arrival.came_s > since_s:
                 self._process(pipeline, arrival)
             else:
-                self.counts.skipped.add()
+                self.counts.early.add()
         self.queue.ready()
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:

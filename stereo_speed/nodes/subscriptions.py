@@ -10,6 +10,7 @@ reliable as soon as all are.
 """
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, Callable, Optional
 
 from rclpy.clock import Clock, ClockType
@@ -58,7 +59,7 @@ class OfferedSubscription:
         self.node, self.kind, self.topic, self.callback = node, kind, topic, callback
         self.resolved = node.resolve_topic_name(topic)
         self._former: Optional[Subscription] = None
-        self._former_last: Any = None  # the last message received by it since
+        self._known: deque[Any] = deque(maxlen=_DEPTH)  # messages that it has received since
         self.subscription: Subscription = node.create_subscription(
             kind, topic, self._take,
             QoSProfile(depth=_DEPTH, reliability=_reliability(self._all_reliable())),
@@ -94,11 +95,13 @@ class OfferedSubscription:
             return
         qos, last = self.subscription.qos_profile, self.subscription
         if self._former is not None:  # it has the wanted reliability
-            self.subscription, self._former, self._former_last = self._former, None, None
+            self.subscription, self._former = self._former, None
+            self._known.clear()
             self.subscription.callback = self._take
             self.node.destroy_subscription(last)
             return
-        self._former, self._former_last = last, None
+        self._former = last
+        self._known.clear()
         last.callback = self._take_former
         self.subscription = self.node.create_subscription(
             self.kind, self.topic, self._take, QoSProfile(
@@ -107,20 +110,19 @@ class OfferedSubscription:
 
     def _take(self, msg: Any) -> None:
         """Handle a message, unless the former subscription has received it already."""
-        if self._former is not None:
-            known = self._former_last
-            self._end_former()
-            if msg == known:
+        self._end_former()
+        while self._known:  # in the order in which they were sent, as those that come now
+            if self._known.popleft() == msg:
                 return
         self.callback(msg)
 
     def _take_former(self, msg: Any) -> None:
         """Handle a message of the former subscription."""
-        self._former_last = msg
+        self._known.append(msg)
         self.callback(msg)
 
     def _end_former(self) -> None:
-        former, self._former, self._former_last = self._former, None, None
+        former, self._former = self._former, None
         if former is not None:
             self.node.destroy_subscription(former)
 

@@ -64,6 +64,22 @@ def test_no_message_is_lost_or_told_twice_while_it_becomes_reliable(stand_in):
     subscription.close()
 
 
+@pytest.mark.parametrize('again', [['1', '2', '3'], ['3'], ['2', '3'], []])
+def test_what_both_subscriptions_bring_is_told_once(stand_in, again):
+    """The new one's first message may be any of those that the former one has brought."""
+    heard = []
+    subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
+    publisher = stand_in.create_publisher(String, 'offered', RELIABLE)
+    stand_in.wait(lambda: subscription.reliable, EVENT_S)
+    for text in '123':
+        subscription._take_former(String(data=text))
+    for text in [*again, '4', '5']:
+        subscription._take(String(data=text))
+    assert [message.data for message in heard] == list('12345')
+    subscription.close()
+    stand_in.destroy_publisher(publisher)
+
+
 @pytest.mark.parametrize('given', ['reliable', 'best_effort'])
 def test_configured_reliability_is_kept(stand_in, given):
     node = rclpy.create_node('given', context=stand_in.context, parameter_overrides=[Parameter(

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""One trial of ``faults``: nodes are started, a bag is played to them with a fault, all is heard."""
+"""One trial of ``faults``: nodes run, a bag with a fault is played to them, all is heard."""
 from __future__ import annotations
 
 from contextlib import contextmanager, ExitStack
