@@ -8,7 +8,7 @@ from typing import Optional
 
 import numpy as np
 
-from .fit import RoadFit
+from .fitted import RoadFit
 from .model import NODES, Weights
 from .path import chord_lengths, Path, SplinePath, StraightPath
 from .path_effect import path_effect, PLACES, seen_stretch

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit import RoadFit
+from .fitted import RoadFit
 from ..core.records import Array
 
 _ALONG, _ACROSS = 161, 9  # samples of the surface along and across the road

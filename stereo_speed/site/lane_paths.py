@@ -15,7 +15,8 @@ from ..core.records import Array
 from ..geometry.rig import StereoRig
 from ..road.curve_matching import match_curves
 from ..road.first_guess import NoRoadError
-from ..road.fit import fit_road, RoadFit
+from ..road.fit import fit_road
+from ..road.fitted import RoadFit
 from ..road.lanes import lane_of_paths, lane_of_road, LanePath
 from ..road.path import SplinePath
 from ..road.problem import DriftPrior, RoadPrior

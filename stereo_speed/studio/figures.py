@@ -21,7 +21,7 @@ from ..core.units import MPH_MPS
 from ..geometry.ray_plane import Plane
 from ..geometry.rig import StereoRig
 from ..pipeline.config import SiteConfig
-from ..road.fit import RoadFit
+from ..road.fitted import RoadFit
 from ..road.lanes import LanePath
 from ..site.extras import as_calibrated
 from ..site.file import lines_of, Site, site_of, SurveyedLine

@@ -14,13 +14,16 @@ from stereo_speed.lab.evaluation.roads import draw_road
 from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
+from stereo_speed.road.evidence import log_evidences
 from stereo_speed.road.first_guess import guess_road
-from stereo_speed.road.fit import (
-    _Squares, fit_road, log_chance, log_evidences, OVERREACH, ROBUST, same_family)
+from stereo_speed.road.fit import fit_road, OVERREACH
+from stereo_speed.road.fitted import log_chance, ROBUST
 from stereo_speed.road.lanes import lane_of_road
 from stereo_speed.road.model import RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
 from stereo_speed.road.run_off import RUN_OFF, TERMS
+from stereo_speed.road.solving import same_family
+from stereo_speed.road.wander_search import _Squares
 
 
 def lane_of(scene):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.road.fit import RoadFit
+from stereo_speed.road.fitted import RoadFit
 from stereo_speed.road.lanes import between, lane_of_paths, lane_of_road
 from stereo_speed.road.model import RoadModel
 from stereo_speed.road.path import StraightPath

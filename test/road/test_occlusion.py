@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
-from stereo_speed.road.fit import RoadFit
+from stereo_speed.road.fitted import RoadFit
 from stereo_speed.road.model import RoadModel, RoadShape
 from stereo_speed.road.occlusion import hidden
 from stereo_speed.road.problem import Picks, RoadProblem

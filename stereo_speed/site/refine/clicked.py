@@ -14,7 +14,7 @@ from typing import Mapping, NamedTuple, Sequence
 import numpy as np
 
 from ...core.records import Array
-from ...road.fit import RoadFit
+from ...road.fitted import RoadFit
 
 _KERB_M = 0.15  # distance between the two edges of a kerb stone, of which either may be clicked
 _STEP_M = 0.05  # step along and across a line for its directions in the image

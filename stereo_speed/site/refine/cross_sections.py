@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .empty_road import Background, LIGHT_STEP_PX
 from ...core.records import Array
-from ...road.fit import RoadFit
+from ...road.fitted import RoadFit
 from ...road.occlusion import hidden
 from ...road.path import chord_lengths
 from ...vision.spline_image import SplineImage

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .empty_road import as_picture
 from .refiner import RefinedSite
 from ...core.records import Array
-from ...road.fit import RoadFit
+from ...road.fitted import RoadFit
 
 Colour = tuple[int, int, int]
 _SCALE = 2  # size of the picture relative to the view

@@ -32,9 +32,11 @@ from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
-from ...road.fit import in_family, log_evidences, RoadFit, same_family
+from ...road.evidence import log_evidences
+from ...road.fitted import RoadFit
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
+from ...road.solving import in_family, same_family
 
 ROUNDS = 2  # rounds of finding the markings; a third changes nothing
 _LOOSE = DriftPrior.loose(np.radians(0.2))  # prior of the drift while markings are searched

@@ -15,7 +15,7 @@ from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.sim.config import SimConfig
 from stereo_speed.lab.sim.sequence import SimSequence, simulate
-from stereo_speed.road.fit import RoadFit
+from stereo_speed.road.fitted import RoadFit
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.model import RoadModel
 from stereo_speed.road.problem import Picks, RoadPrior, RoadProblem
