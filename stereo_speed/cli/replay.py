@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import closing, ExitStack, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 import sys
@@ -134,6 +134,31 @@ def run(args: argparse.Namespace, *, beside: bool = True) -> int:
         return _run(args, pictures, beside)
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """
+    What came of a bag.
+
+    :param place: the site as used.
+    :param result: the run.
+    :param frames: annotated frames for the strip.
+    :param summary: content of ``summary.json``.
+    :param pairing: how the images were paired, as reported by the bag.
+    :param moved: lines on the steadiness of the rig; empty where it was not checked.
+    :param said: lines on the evidence that was written.
+    :param unused_boxes: number of stamps with boxes that match no pair.
+    """
+
+    place: MeasuringSite
+    result: Run
+    frames: list[NDArray[np.uint8]]
+    summary: Mapping[str, Any]
+    pairing: Mapping[str, Any]
+    moved: Sequence[str]
+    said: Sequence[str]
+    unused_boxes: int
+
+
 def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
     config = _config(args)
     check_options(args)
@@ -145,72 +170,85 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
                          f'overwrite {args.site}')
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     rows = TrackRows(args.out)
-    with ExitStack() as open_:
-        bag = open_.enter_context(
-            StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance))
-        helpers = open_.enter_context(Helpers.of(
-            bag.pair_count, None if annotations is not None else config.detector, beside=beside))
+    with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag, \
+            Helpers.of(bag.pair_count, None if annotations is not None else config.detector,
+                       beside=beside) as helpers:
         if helpers.ahead:  # a thread, thus only now that the processes are forked
             bag.hash_ahead()
-        place = MeasuringSite.of(site, bag.rig, bag.pairs() if args.refine_site else None,
-                                 config.site)
-        figures = None if place.refined is None else report(place.refined)
-        if place.refined is not None and figures is not None:
-            print('\n'.join(summary_lines(place.refined, figures)))
+        place = MeasuringSite.of(
+            site, bag.rig, bag.pairs() if args.refine_site else None, config.site)
         if place.not_refined:
             print(f'warning: site not refined, used as written: {place.not_refined}',
                   file=sys.stderr)
+        done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
+    write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
+        place, done.pairing, done.moved, done.result.stamps_ns[-1]))
+    _tell(args, done)
+    return 0
 
-        def fresh() -> SpeedPipeline:
-            return place.pipeline(
-                config, annotations, conclusions=helpers.later, detect=helpers.detect,
-                seed=args.seed, where=str(args.init))
-        pipeline = fresh()
-        feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
-        if annotations is not None:
-            _check_frames(annotations, bag.pair_count, args.init)
-        evidence = ReplayEvidence.of(args, bag, place, config)
-        draw_pair = pictures.observer(place, bag.rate_hz)
 
-        def observe(pair: StereoPair, step: Step) -> None:
-            evidence.observe(pair, step)
-            draw_pair(pair, step)
-        parts = None if args.boxes is not None else Parts(
-            args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
-            identity_of(args), fresh, PART_PAIRS)
-        with evidence, parts or nullcontext():
-            result, frames = measure(
-                bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,
-                observe=observe, rows=rows, parts=parts, later=helpers.later,
-                read_ahead=helpers.ahead)
-            evidence.finish(result.passes)
-        summary = summarize(args, config.with_tolerances(place.site.tolerances), bag, result,
-                            place.lanes)
-        summary.update(evidence.summary())
-        pairing = dict(bag.pairing)
-    if place.refined is not None and figures is not None:
-        summary['refinement'] = report_summary(place.refined, figures)
-    elif place.not_refined:
-        summary['refinement'] = {'not_refined': place.not_refined}
-    if pipeline.steadier is not None:
-        summary['steadiness'] = steadiness_summary(pipeline.steadier.state())
-    write_all(args, place, result, rows, frames, summary, pictures, run_warnings(
-        place, pairing, [] if pipeline.steadier is None
-        else steadiness_lines(pipeline.steadier.state()), result.stamps_ns[-1]))
-    print_lanes(place.lanes)
-    print_table(result.passes)
-    print(''.join(f'{line}\n' for line in evidence.lines()), end='')
-    if pipeline.steadier is not None:
-        print(''.join(f'{line}\n' for line in steadiness_lines(pipeline.steadier.state())), end='')
+def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
+              place: MeasuringSite, annotations: Optional[Sequence[InitialFront]],
+              helpers: Helpers, rows: TrackRows, pictures: RunPictures) -> _Measured:
+    """Measure the pairs of a bag at a site, and sum up what came of it."""
+    refinement = _refinement(place)
+
+    def fresh() -> SpeedPipeline:
+        return place.pipeline(
+            config, annotations, conclusions=helpers.later, detect=helpers.detect,
+            seed=args.seed, where=str(args.init))
+    pipeline = fresh()
+    feed = BoxFeed(pipeline.detector, args.boxes, args.detector)
+    if annotations is not None:
+        _check_frames(annotations, bag.pair_count, args.init)
+    evidence = ReplayEvidence.of(args, bag, place, config)
+    draw_pair = pictures.observer(place, bag.rate_hz)
+
+    def observe(pair: StereoPair, step: Step) -> None:
+        evidence.observe(pair, step)
+        draw_pair(pair, step)
+    parts = None if args.boxes is not None else Parts(
+        args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
+        identity_of(args), fresh, PART_PAIRS)
+    with evidence, parts or nullcontext():
+        result, frames = measure(
+            bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,
+            observe=observe, rows=rows, parts=parts, later=helpers.later,
+            read_ahead=helpers.ahead)
+        evidence.finish(result.passes)
+    steady = None if pipeline.steadier is None else pipeline.steadier.state()
+    summary = {
+        **summarize(args, config.with_tolerances(place.site.tolerances), bag, result, place.lanes),
+        **evidence.summary(), **refinement,
+        **({} if steady is None else {'steadiness': steadiness_summary(steady)})}
+    return _Measured(place, result, frames, summary, dict(bag.pairing),
+                     [] if steady is None else steadiness_lines(steady), evidence.lines(),
+                     len(feed.boxes))
+
+
+def _refinement(place: MeasuringSite) -> dict[str, Any]:
+    """Print how the site was refined, and return it for ``summary.json``."""
+    if place.refined is not None:
+        figures = report(place.refined)
+        print('\n'.join(summary_lines(place.refined, figures)))
+        return {'refinement': report_summary(place.refined, figures)}
+    return {'refinement': {'not_refined': place.not_refined}} if place.not_refined else {}
+
+
+def _tell(args: argparse.Namespace, done: _Measured) -> None:
+    """Print the passes, and what else a user should know of the run."""
+    print_lanes(done.place.lanes)
+    print_table(done.result.passes)
+    print(''.join(f'{line}\n' for line in (*done.said, *done.moved)), end='')
+    pairing, result = done.pairing, done.result
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
           f'{1e3 * result.wall_s / len(result.stamps_ns):.1f} ms per pair; results in {args.out}')
     if result.kept is not None and not args.no_plots:
         print(f'the plots show the first {len(result.kept)} of {len(result.passes)} passes')
-    if feed.boxes:
-        print(f'{len(feed.boxes)} stamps of {args.boxes} match no pair: their boxes were not '
+    if done.unused_boxes:
+        print(f'{done.unused_boxes} stamps of {args.boxes} match no pair: their boxes were not '
               'used')
-    return 0
 
 
 def _config(args: argparse.Namespace) -> PipelineConfig:
