@@ -68,10 +68,12 @@ soak: venv
 faults: venv
 	$(PY) tools/warm_up.py
 	[ -d out/faults ] || $(TRAFFIC) --fps 5 --bag out/faults
-	$(PLAYED) out/faults --single $(FAULTS:%=--fault %)
-	$(if $(KILLS),$(PLAYED) out/faults $(KILLS:%=--fault %))
 	$(if $(FAULTS),,[ -d out/apart ] || $(TRAFFIC) --fps 20 --bag out/apart)
-	$(if $(FAULTS),,$(PLAYED) out/apart --single --fault exposed_apart)
+	failed=0; \
+	$(PLAYED) out/faults --single $(FAULTS:%=--fault %) || failed=1; \
+	$(if $(KILLS),$(PLAYED) out/faults $(KILLS:%=--fault %) || failed=1;) \
+	$(if $(FAULTS),,$(PLAYED) out/apart --single --fault exposed_apart || failed=1;) \
+	exit $$failed
 
 lint: venv
 	$(VENV)/bin/ament_flake8 $(SOURCES)

@@ -206,8 +206,8 @@ class FilesHash:
         self._value: Optional[Future[str]] = None
 
     def begin(self) -> None:
-        """Begin to hash in a thread."""
-        if self._thread is None:
+        """Begin to hash in a thread, unless the hash is known or no longer wanted."""
+        if self._value is None and not self._stop.is_set():
             self._thread = ThreadPoolExecutor(1, 'hash')
             self._value = self._thread.submit(hash_files, self._path, self._stop)
 

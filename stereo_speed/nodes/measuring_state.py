@@ -29,7 +29,8 @@ class Counts:
     :param measured: pairs that the pipeline has processed.
     :param hurried: measured pairs that were hurried.
     :param skipped: pairs that were skipped because the machine did not keep up.
-    :param early: pairs that waited too long for the calibration, or for the site's refinement.
+    :param early: pairs that were too old when measuring began: they had waited for the
+        calibration, or while the pipeline was made.
     :param withheld: pairs that must not be measured, for example because the rig has moved.
     :param frozen: pairs of which an image repeats the previous one.
     :param repeated: pairs with the stamp of the previous one.
@@ -56,8 +57,9 @@ class Counts:
         state.values.update(
             pairs=self.measured.total, passes=self.passes,
             measured_hz=round(self.measured.rate_hz, 2), hurried=self.hurried.total,
-            skipped=self.skipped.total, early=self.early.total, withheld=self.withheld, frozen=self.frozen.total,
-            failed=self.failed.total, resets=self.resets.total, repeated=self.repeated)
+            skipped=self.skipped.total, early=self.early.total, withheld=self.withheld,
+            frozen=self.frozen.total, failed=self.failed.total, resets=self.resets.total,
+            repeated=self.repeated)
         latencies_s = list(self.latencies_s)  # another thread adds to them
         if latencies_s:
             state.values.update({f'latency_p{q}_s': round(float(np.percentile(latencies_s, q)), 4)
@@ -67,7 +69,7 @@ class Counts:
         if self.skipped.recent:
             state.find(WARN, f'measuring does not keep up: {self.skipped.recent} pairs skipped')
         if self.early.recent:
-            state.find(WARN, f'{self.early.recent} pairs were too old when measuring began')
+            state.find(WARN, f'pairs were too old when measuring began: {self.early.recent}')
         if self.hurried.recent > _HARDLY * self.measured.recent:
             state.find(WARN, 'measuring barely keeps up: most pairs are hurried')
         if self.frozen.recent:

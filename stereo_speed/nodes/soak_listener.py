@@ -77,6 +77,7 @@ class SoakListener(DelayListener):
         for status in msg.status:
             if status.name.endswith(': pipeline'):
                 told = {value.key: value.value for value in status.values}
-                self.skipped = int(told.get('skipped', self.skipped))
+                if 'skipped' in told:  # not while the node has no pipeline
+                    self.skipped = int(told['skipped']) + int(told['early'])
                 self.hurried = int(told.get('hurried', self.hurried))
                 self.waiting = int(told.get('passes_waiting', self.waiting))

@@ -111,9 +111,12 @@ class OfferedSubscription:
     def _take(self, msg: Any) -> None:
         """Handle a message, unless the former subscription has received it already."""
         self._end_former()
-        while self._known:  # in the order in which they were sent, as those that come now
-            if self._known.popleft() == msg:
-                return
+        if msg in self._known:  # and those before it, as messages come in the order of sending
+            while self._known.popleft() != msg:
+                pass
+            return
+        if self._known:  # one that the former has lost; what it knew is soon of no use
+            self._known.popleft()
         self.callback(msg)
 
     def _take_former(self, msg: Any) -> None:

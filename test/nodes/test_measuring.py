@@ -64,6 +64,19 @@ def test_each_state_and_a_jump_of_time_are_reported(node):
     assert measuring.state().message == 'inactive'
 
 
+def test_pairs_that_come_long_before_the_calibration_are_not_told_as_overload(node):
+    """The newest 50 are kept; the machine keeps up all the while."""
+    node.trigger_configure()
+    node.trigger_activate()
+    measuring = node.measuring
+    for k in range(60):
+        measuring._take(SimpleNamespace(ns=k, index=k, came_s=0.0))
+    assert (measuring.counts.early.total, measuring.counts.skipped.total) == (10, 0)
+    assert [arrival.ns for arrival in measuring._waiting] == list(range(10, 60))
+    assert 'pairs were too old when measuring began: 10' in measuring.state().message
+    measuring._waiting.clear()
+
+
 @pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])
 def test_hurrying_most_pairs_is_reported(node, every, told):
     node.trigger_configure()

@@ -45,7 +45,7 @@ def test_steps_of_a_new_pipeline_are_counted_from_its_start():
 @pytest.mark.parametrize(('name', 'level', 'says'), [
     ('resets', WARN, 'stamps jumped back'),
     ('skipped', WARN, 'measuring does not keep up: 1 pairs'),
-    ('early', WARN, '1 pairs were too old when measuring began'),
+    ('early', WARN, 'pairs were too old when measuring began: 1'),
     ('frozen', WARN, '1 pairs withheld'), ('failed', ERROR, 'measuring failed 1 times')])
 def test_faults_are_reported_with_their_counts(name, level, says):
     counts, state = Counts(), State('fine')

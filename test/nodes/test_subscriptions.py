@@ -80,6 +80,20 @@ def test_what_both_subscriptions_bring_is_told_once(stand_in, again):
     stand_in.destroy_publisher(publisher)
 
 
+def test_what_the_former_subscription_lost_is_told_by_the_new_one_and_the_rest_once(stand_in):
+    heard = []
+    subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
+    publisher = stand_in.create_publisher(String, 'offered', RELIABLE)
+    stand_in.wait(lambda: subscription.reliable, EVENT_S)
+    for text in '134':
+        subscription._take_former(String(data=text))
+    for text in '2345':
+        subscription._take(String(data=text))
+    assert [message.data for message in heard] == list('13425')
+    subscription.close()
+    stand_in.destroy_publisher(publisher)
+
+
 @pytest.mark.parametrize('given', ['reliable', 'best_effort'])
 def test_configured_reliability_is_kept(stand_in, given):
     node = rclpy.create_node('given', context=stand_in.context, parameter_overrides=[Parameter(

@@ -171,8 +171,8 @@ def _fault_ended(how: Playing, graph: _Graph, listener: FaultListener, camera: P
 
 def _wait_for(listener: FaultListener, what: str, is_there: Callable[[], bool]) -> None:
     if not listener.spin(_START_S, is_there):
-        raise InputError('faults', what, f'nothing heard for {_START_S:.0f} s',
-                         'nodes that connect, and a replay')
+        raise InputError('faults', what, f'not ready after {_START_S:.0f} s',
+                         'nodes that are connected and measure, and a replay')
 
 
 def _listen_until(listener: FaultListener, camera: Process, steady_s: float) -> None:

@@ -24,7 +24,8 @@ _RULES = SoakRules()  # readings and passes are wrong by the same rule as readin
 _SAID = 4  # number of findings shown
 _LEVELS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 # Findings about the machine that runs the trial. They tell nothing about the fault.
-_MACHINE = ('measuring does not keep up', 'measuring barely keeps up')
+_MACHINE = ('measuring does not keep up', 'measuring barely keeps up',
+            'pairs were too old when measuring began')
 
 
 class Times(NamedTuple):

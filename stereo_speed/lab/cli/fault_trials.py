@@ -159,7 +159,7 @@ TRIALS: Mapping[str, Trial] = {
     'kill_stereo_sync_node': _kill('stereo_sync_node'),
     'kill_speed_node': _kill('speed_node'),
 }
-_SPECIAL_BAG = ('exposed_apart',)  # played only on demand
+_SPECIAL_BAG = ('exposed_apart',)  # needs a bag of its own
 
 
 def played(nodes: tuple[str, ...]) -> list[str]:

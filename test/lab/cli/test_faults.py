@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of ``faults`` that cannot be used are refused before anything is started."""
+"""Arguments that cannot be used are refused at once; rows are played again only when late."""
 from __future__ import annotations
 
 import argparse
@@ -42,7 +42,8 @@ GOOD = Row('black', True, 30, 0, 4, 0, 0, 1.0, 0.4, '', {'left camera': 2})
 @pytest.mark.parametrize('rows, played, status', [
     ([GOOD], 1, 0), ([replace(GOOD, silent_s=20.0), GOOD], 2, 0),
     ([replace(GOOD, silent_s=20.0)] * 2, 2, 1), ([replace(GOOD, wrong=1), GOOD], 1, 1),
-    ([replace(GOOD, nowhere=1), GOOD], 1, 1)])
+    ([replace(GOOD, nowhere=1), GOOD], 1, 1), ([replace(GOOD, alive=False), GOOD], 1, 1),
+    ([replace(GOOD, levels={}), GOOD], 2, 0)])
 def test_late_row_is_played_again_and_a_wrong_one_is_not(
         rows, played, status, monkeypatch, capsys):
     monkeypatch.setattr(faults, 'recorded', lambda folder: None)
