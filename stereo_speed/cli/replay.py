@@ -144,8 +144,8 @@ class _Measured:
     :param frames: annotated frames for the strip.
     :param summary: content of ``summary.json``.
     :param pairing: how the images were paired, as reported by the bag.
-    :param moved: lines on the steadiness of the rig; empty where it was not checked.
-    :param said: lines on the evidence that was written.
+    :param steadiness: lines on the steadiness of the rig; empty where it was not checked.
+    :param evidence: lines on the evidence that was written.
     :param unused_boxes: number of stamps with boxes that match no pair.
     """
 
@@ -154,8 +154,8 @@ class _Measured:
     frames: list[NDArray[np.uint8]]
     summary: Mapping[str, Any]
     pairing: Mapping[str, Any]
-    moved: Sequence[str]
-    said: Sequence[str]
+    steadiness: Sequence[str]
+    evidence: Sequence[str]
     unused_boxes: int
 
 
@@ -182,7 +182,7 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
                   file=sys.stderr)
         done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
-        place, done.pairing, done.moved, done.result.stamps_ns[-1]))
+        place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))
     _tell(args, done)
     return 0
 
@@ -239,7 +239,7 @@ def _tell(args: argparse.Namespace, done: _Measured) -> None:
     """Print the passes, and what else a user should know of the run."""
     print_lanes(done.place.lanes)
     print_table(done.result.passes)
-    print(''.join(f'{line}\n' for line in (*done.said, *done.moved)), end='')
+    print(''.join(f'{line}\n' for line in (*done.evidence, *done.steadiness)), end='')
     pairing, result = done.pairing, done.result
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '
