@@ -30,7 +30,7 @@ from stereo_speed.cli.demo import (  # noqa: E402
 from stereo_speed.cli.main import main  # noqa: E402
 from stereo_speed.core.units import MPH_MPS  # noqa: E402
 from stereo_speed.io.pass_json import PASS_SCHEMA, TRACK_STATES_SCHEMA  # noqa: E402
-from stereo_speed.lab.cli.faults import helper_of  # noqa: E402
+from stereo_speed.lab.cli.fault_play import helper_of  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 STARTUP_S, EVENT_S = 60.0, 20.0
