@@ -143,7 +143,7 @@ def test_scatters_double_and_the_usual_one_weighs_like_pairs():
 
 
 def test_scatter_of_rendered_passes_is_not_excluded_beforehand():
-    """They scatter by 0.05 to 0.1 px; at a share of 2 % first readings were up to 4.7 sigma off."""
+    """They scatter by 0.05 to 0.1 px; at a share of 2 % first readings were 4.7 sigma off."""
     assert 0.25 < sum(share for more, share in scatters_px(NoiseConfig()) if more > 0.04) < 0.5
 
 
