@@ -177,9 +177,6 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
             bag.hash_ahead()
         place = MeasuringSite.of(
             site, bag.rig, bag.pairs() if args.refine_site else None, config.site)
-        if place.not_refined:
-            print(f'warning: site not refined, used as written: {place.not_refined}',
-                  file=sys.stderr)
         done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
         place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))
@@ -227,12 +224,16 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
 
 
 def _refinement(place: MeasuringSite) -> dict[str, Any]:
-    """Print how the site was refined, and return it for ``summary.json``."""
-    if place.refined is not None:
-        figures = report(place.refined)
-        print('\n'.join(summary_lines(place.refined, figures)))
-        return {'refinement': report_summary(place.refined, figures)}
-    return {'refinement': {'not_refined': place.not_refined}} if place.not_refined else {}
+    """Print how the site was refined, or why not, and return it for ``summary.json``."""
+    if place.not_refined:
+        print(f'warning: site not refined, used as written: {place.not_refined}',
+              file=sys.stderr)
+        return {'refinement': {'not_refined': place.not_refined}}
+    if place.refined is None:
+        return {}
+    figures = report(place.refined)
+    print('\n'.join(summary_lines(place.refined, figures)))
+    return {'refinement': report_summary(place.refined, figures)}
 
 
 def _tell(args: argparse.Namespace, done: _Measured) -> None:

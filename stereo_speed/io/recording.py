@@ -219,8 +219,9 @@ class FilesHash:
         :raises CancelledError: its thread was ended early.
         """
         if self._value is None:
-            self._value = Future()
-            self._value.set_result(hash_files(self._path))
+            value: Future[str] = Future()
+            value.set_result(hash_files(self._path))
+            self._value = value
         return self._value.result()
 
     def close(self) -> None:

@@ -135,6 +135,15 @@ def test_input_hash_is_that_of_the_bytes(write, tmp_path):
     assert StereoBag(moved).input_hash() != first
 
 
+def test_hash_of_a_file_that_cannot_be_read_fails_each_time(write):
+    folder = write()
+    bag = StereoBag(folder)
+    shutil.rmtree(folder)
+    for _ in range(2):  # the second call must not wait for the first
+        with pytest.raises(FileNotFoundError):
+            bag.input_hash()
+
+
 def test_hash_in_a_thread_is_the_same_and_ends_with_the_bag(write, monkeypatch):
     folder = write()
     with StereoBag(folder) as bag:
