@@ -17,7 +17,7 @@ from stereo_speed.cli.demo import (  # noqa: E402
     EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.core.units import MPH_MPS  # noqa: E402
 
-STARTUP_S, LOOK_S = 60.0, 240.0
+STARTUP_S, LOOK_S = 60.0, 480.0  # a look gives way to whatever else the machine does
 TURNED_DEG, TRUE_MPH = 0.05, 55.0  # 6 % of the speed
 
 
