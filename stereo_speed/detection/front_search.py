@@ -17,6 +17,7 @@ import numpy as np
 from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
+from .lamps import uncut_heights
 from .lane_geometry import LaneGeometry
 from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
@@ -70,6 +71,7 @@ class FoundFront:
     :param place: its place, for distances from others.
     :param sampler: sampler of its lane at its heights.
     :param before: the earlier pair.
+    :param heights_m: (2,) heights of its upper and its lower edge above the road, m.
     """
 
     lane: str
@@ -78,11 +80,7 @@ class FoundFront:
     place: Place
     sampler: FrontSampler
     before: PairPyramids
-
-    @property
-    def heights_m(self) -> Array:
-        """Return the heights (2,) of its upper and its lower edge above the road."""
-        return self.sampler.heights_m[[0, -1]]
+    heights_m: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +227,7 @@ class FrontSearch:
                 return None  # final, as another pair may not show the wider front
             if half_m > 0:
                 return FoundFront(lane, replace(front, half_m=half_m), motion, place,
-                                  refiner.sampler, before)
+                                  refiner.sampler, before, refiner.sampler.heights_m[[0, -1]])
         return None
 
     def _is_at_side(self, lane: str, place: Place, others: Held) -> bool:
@@ -328,11 +326,15 @@ class FrontSearch:
         """
         Return the detection of a front; None where it does not lie well inside both images.
 
+        Its edges are off lamps that clip, where they can be.
+
         :param found: the front.
         :param now: the newest pair.
         :param since: the earlier pair that shows it and those since, without the newest.
         """
         front, motion = found.front, found.motion
+        found = replace(found, heights_m=uncut_heights(
+            self.geometry[found.lane], front, found.heights_m, now))
         left, right = self.quads(found, front, now)
         if not self._inside(left, right):
             return None

@@ -50,6 +50,7 @@ class Front:
     :param high_m: height of its upper edge.
     :param light: factor of its grey values.
     :param shadow_m: how far its shadow, black and 8 m long, reaches to its right.
+    :param lamps_m: heights of the lower and the upper edge of two lamps that clip, 0.25 m wide.
     """
 
     s_m: float
@@ -62,6 +63,7 @@ class Front:
     high_m: float = HIGH_M
     light: float = 1.0
     shadow_m: float = 0.0
+    lamps_m: tuple[float, float] = (0.0, 0.0)
 
 
 def drawn(camera, centre_m, fronts, rng):
@@ -86,6 +88,9 @@ def drawn(camera, centre_m, fronts, rng):
         here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= front.high_m)
         image = np.where(here, front.light * values, image)
         image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
+        low_m, high_m = front.lamps_m
+        image = np.where((np.abs(np.abs(x) - 0.65) < 0.125) & (h > low_m) & (h < high_m), 400.0,
+                         image)
     noisy = image + rng.normal(0, NOISE, image.shape)
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
