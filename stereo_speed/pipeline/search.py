@@ -8,7 +8,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .track import ahead_m, holds, Track
+from .track import ahead_m, Track
 from ..core.records import Array, StereoPair, TrackUpdate
 from ..core.tracker_config import AssociationConfig
 from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
@@ -121,12 +121,12 @@ class VehicleSearch:
         """
         Remember the vehicles that have left the view by a pair.
 
-        A vehicle that left must not be found again; one that was lost, and so coasted before its
-        track ended, may be.
+        A vehicle that left must not be found again, by what is still in view of it, even if it was
+        hidden when it left.  One that was lost in view may be.
         """
         self._forget(pair)
         self.gone += [t.last for t in tracks if t.last is not None and t.ended
-                      and holds(t.last) and t.is_vehicle]
+                      and t.has_left and t.is_vehicle]
 
     def has_lately_gone(self, stamp_ns: Optional[int]) -> bool:
         """Return whether a vehicle has left the view shortly before a stamp."""

@@ -24,7 +24,8 @@ from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import (
-    CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, Tracker, TrackStart)
+    CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, TellsEnd, Tracker,
+    TrackStart)
 from ..tracking.upright import Upright
 
 MOST_RESTART_PAIRS = 12  # a track that was fed more pairs is not restarted
@@ -181,6 +182,12 @@ class Track:
         if not self.confirmed or self.unhurried_ns is None:
             return math.inf
         return (stamp_ns - self.unhurried_ns) * 1e-9
+
+    @property
+    def has_left(self) -> bool:
+        """Return whether this track, once ended, has left the view, seen or hidden to the last."""
+        return holds(self.last) or (
+            isinstance(self.tracker, TellsEnd) and self.tracker.end is TrackEnd.LEFT_VIEW)
 
     @cached_property
     def is_vehicle(self) -> bool:

@@ -91,6 +91,11 @@ class ConstrainedTracker:
         return self.life.end is not None
 
     @property
+    def end(self) -> Optional[TrackEnd]:
+        """Return how the pass ended; None while it goes on."""
+        return self.life.end
+
+    @property
     def particles(self) -> int:
         """Return the number of particles."""
         return len(self.cloud.states)

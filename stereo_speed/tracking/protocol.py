@@ -14,7 +14,7 @@ from typing import Any, Optional, Protocol, runtime_checkable, Sequence, Union
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.passes import PassResult
+from ..core.passes import PassResult, TrackEnd
 from ..core.records import InitialFront, StereoPair, TrackUpdate
 from ..core.stamp_watch import Gap
 from ..core.tracker_config import TrackerConfig
@@ -223,3 +223,16 @@ class TellsAge(Protocol):
 
         :param stamp_ns: stamp of the next pair.
         """
+
+
+@runtime_checkable
+class TellsEnd(Protocol):
+    """
+    A tracker that knows how its pass ended before the pass is measured.
+
+    For other trackers, a vehicle has left the view if its last pair showed it.
+    """
+
+    @property
+    def end(self) -> Optional[TrackEnd]:
+        """Return how the pass ended; None while it goes on."""

@@ -88,17 +88,20 @@ def test_track_starts_where_its_front_was_first_seen(scene):
     assert abs(result.speed_mps - 22.352) < 0.1
 
 
-def test_vehicle_that_left_the_view_stays_occupied_for_a_while(scene):
+@pytest.mark.parametrize('hidden', [0, 1], ids=['seen to the last', 'hidden at last'])
+def test_vehicle_that_left_the_view_stays_occupied_for_a_while(scene, hidden):
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0})
     last_ns = sequence.pairs[-1].stamp_ns
     blank = np.zeros_like(sequence.pairs[0].left)
+    pairs = [pair if k < len(sequence.pairs) - hidden else replace(pair, left=blank, right=blank)
+             for k, pair in enumerate(sequence.pairs)]
     # 50 mph for 4 s beyond the last pair: it has left.
     later = [replace(sequence.pairs[-1], index=100, stamp_ns=last_ns + round(k * 1e9),
                      right_stamp_ns=last_ns + round(k * 1e9), left=blank, right=blank)
              for k in (0.5, 1, 2, 4)]
     ended = []
-    for pair in [*sequence.pairs, *later]:
+    for pair in [*pairs, *later]:
         ended += pipeline.process(pair).passes
     assert [r.end for r in ended] == ['left_view']
     held, = finder.occupied[len(sequence.pairs)]
