@@ -6,8 +6,8 @@ VENV := .venv
 PY := $(VENV)/bin/python
 SOURCES := stereo_speed launch test setup.py tools
 # a file of tests stays in one worker, for its tests share what it made; long files come first; a
-# worker more than cores, because tests of nodes and commands often wait
-CORES := -n $(shell expr $$(nproc) + 1) --dist loadfile --no-loadscope-reorder
+# worker more than processors, because tests of nodes and commands often wait
+CORES := -n $(shell expr $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc) + 1) --dist loadfile --no-loadscope-reorder
 # what test-fast leaves out: tests of real nodes, of commands, of whole drives, of drawn scenes
 FAST := --ignore=test/integration --ignore=test/cli --ignore=test/lab/cli --ignore=test/nodes \
 	--ignore=test/lab/sim

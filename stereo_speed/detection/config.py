@@ -10,7 +10,11 @@ from ..core.config import CheckedRecord, parameter, section
 
 @dataclass(frozen=True)
 class FrontConfig(CheckedRecord):
-    """What counts as a front, and how clearly both views must show it."""
+    """
+    What counts as a front, and how clearly both views must show it.
+
+    Edges of quads have these heights unless they would cut through lamps that clip (``lamps``).
+    """
 
     low_m: float = parameter(
         0.27, 0.05, 1.0, 'm', 'height above the road of the lower edge of the quad',

@@ -17,7 +17,7 @@ import numpy as np
 from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
-from .lamps import uncut_heights
+from .lamps import EDGE_PX, uncut_heights
 from .lane_geometry import LaneGeometry
 from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
@@ -31,7 +31,6 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
-_MARGIN_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
 _LEAST_DOUBT = 0.005  # least value of 1 - NCC; no two views agree better than this
 # Levels of (left, right) to try: a coarser level of one view matches the other if that is out of
 # focus; coarser levels of both have less noise.
@@ -326,21 +325,21 @@ class FrontSearch:
         """
         Return the detection of a front; None where it does not lie well inside both images.
 
-        Its edges are off lamps that clip, where they can be.
+        Its upper and its lower edge are off lamps that clip, where they can be.
 
         :param found: the front.
         :param now: the newest pair.
         :param since: the earlier pair that shows it and those since, without the newest.
         """
-        front, motion = found.front, found.motion
+        front, motion, before = found.front, found.motion, found.before.pair
+        earlier = replace(front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
+                          ahead_m=before.right_lag_s * motion.speed_mps)
         found = replace(found, heights_m=uncut_heights(
-            self.geometry[found.lane], front, found.heights_m, now))
+            self.geometry[found.lane], found.heights_m, [(front, now), (earlier, before)]))
         left, right = self.quads(found, front, now)
         if not self._inside(left, right):
             return None
-        then = self.quads(found, replace(
-            front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
-            ahead_m=found.before.pair.right_lag_s * motion.speed_mps), found.before.pair)
+        then = self.quads(found, earlier, before)
         rates = self.geometry[found.lane].rates(np.array([front.s_m]))
         return Detection(
             lane=found.lane, left_px=left, right_px=right,
@@ -367,8 +366,8 @@ class FrontSearch:
 
 
 def _well_in(camera: Camera, quad: Array) -> bool:
-    last = np.array([camera.width_px, camera.height_px]) - 1 - _MARGIN_PX
-    return bool(((quad >= _MARGIN_PX) & (quad <= last)).all())
+    last = np.array([camera.width_px, camera.height_px]) - 1 - EDGE_PX
+    return bool(((quad >= EDGE_PX) & (quad <= last)).all())
 
 
 def _clockwise(corners: Array) -> Array:

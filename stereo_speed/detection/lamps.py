@@ -1,14 +1,18 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Keeps the edges of a detected front off lamps that clip.
+Keeps the upper and the lower edge of a detected front off lamps that clip.
 
-A clipped lamp keeps its size in pixels while the front grows (``tracking.photometry``).  A whole
-lamp does so on all sides, and its middle stays in place.  Where the edge of the front cuts through
-it, only one side of its outline counts, which moves across the front: a bus on a wet night, cut
-so, was measured 1.4 % too slow.
+A clipped lamp keeps its size in pixels while the front grows (``tracking.observation``).  That
+moves the outline of a whole lamp inwards from all sides, and leaves its middle in place.  Where the
+edge of the front cuts through it, only one side is seen, which moves across the front: a drawn bus
+on a wet night was measured 1.4 % too slow.
+
+The lamps are those of the pairs in which the front is detected.
 """
 from __future__ import annotations
+
+from typing import Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,47 +23,58 @@ from ..core.records import Array, StereoPair
 from ..core.tracker_config import NoiseConfig
 
 _STEP_M = 0.02  # spacing of the rows that are looked at
-_MORE_M = 0.45  # greatest distance by which the upper edge moves up; lamps are lower than that
-_ROAD_M = 0.15  # height up to which lamps are mirrored in a wet road, and light it
+_MORE_M = 0.45  # greatest distance by which the upper edge moves up
+_LOWEST_M = 0.15  # lowest row that is looked at; what clips from there on is light on the road
+_LAMP_M = 0.4  # greatest height of lamps with their glare; what is higher is paint in the sun
 _LEAST_HEIGHT_M = 0.3  # least height of a front
 _MARGIN_PX = 1.0  # least distance of an edge from a clipped pixel
-_CLIPPED_SHARE = NoiseConfig().clipped_share  # of full scale
+_CLIPPED_SHARE = NoiseConfig().clipped_share  # of full scale, by default
+
+EDGE_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
+
+Look = tuple[FrontHypothesis, StereoPair]
 
 
-def uncut_heights(geometry: LaneGeometry, front: FrontHypothesis, heights_m: Array,
-                  pair: StereoPair) -> Array:
+def uncut_heights(geometry: LaneGeometry, heights_m: Array, looks: Sequence[Look]) -> Array:
     """
     Return the heights (2,) of the upper and the lower edge of a front, moved off clipped lamps.
 
     :param geometry: the lane of the front.
-    :param front: the front in the pair.
     :param heights_m: (2,) heights of its upper and its lower edge above the road, m.
-    :param pair: the pair.
+    :param looks: pairs, each with the front in it.
     """
-    rows_m = np.arange(heights_m[0] + _MORE_M, _ROAD_M, -_STEP_M)
-    lit_m = rows_m[_lit(geometry, front, rows_m, pair)]
-    margin_m = _MARGIN_PX / float(geometry.px_per_m(np.array([front.s_m]))[0])
-    return moved_edges(rows_m, lit_m, heights_m, max(margin_m, _STEP_M))
+    rows_m = np.arange(heights_m[0] + _MORE_M, _LOWEST_M, -_STEP_M)
+    lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
+    for front, pair in looks:
+        of_pair = _seen(geometry, front, rows_m, pair)
+        lit, in_view = lit | of_pair[0], in_view & of_pair[1]
+    px_per_m = geometry.px_per_m(np.array([front.s_m for front, _ in looks])).min()
+    return moved_edges(rows_m[in_view], rows_m[lit], heights_m,
+                       max(_MARGIN_PX / float(px_per_m), _STEP_M))
 
 
 def moved_edges(rows_m: Array, lit_m: Array, heights_m: Array, margin_m: float) -> Array:
     """
     Return the heights (2,) of the upper and the lower edge of a front, moved off rows that clip.
 
-    Either edge moves up, so that the front has whole lamps and none of the light on the road, or
-    else down.  An edge with nowhere to go stays.
+    Lamps are to be whole, so the upper edge rather moves up and the lower one down.  Light on the
+    road, and paint in the sun, are to be left out.  An edge with nowhere to go stays.
 
-    :param rows_m: (n,) heights where the edges may be, m.
-    :param lit_m: (k,) heights of the rows that clip, m.
+    :param rows_m: (n,) heights where the edges may be, the highest first, m.
+    :param lit_m: (k,) heights of the rows that clip, the highest first, m.
     :param heights_m: (2,) heights of the edges, m.
     :param margin_m: least distance of an edge from a row that clips, m.
     """
+    high_m, low_m = (float(edge_m) for edge_m in heights_m)
     free_m = rows_m[_off(rows_m, lit_m) > margin_m]
-    high_m, low_m = heights_m
-    if _off(heights_m[:1], lit_m) <= margin_m:
-        high_m = _moved(high_m, free_m[free_m >= low_m + _LEAST_HEIGHT_M])
-    if _off(heights_m[1:], lit_m) <= margin_m:
-        low_m = _moved(low_m, free_m[free_m <= high_m - _LEAST_HEIGHT_M])
+    for top_m, bottom_m in _bands(lit_m, margin_m):
+        if bottom_m - margin_m <= high_m <= top_m + margin_m:
+            is_lamp = top_m - bottom_m <= _LAMP_M
+            high_m = _moved(high_m, free_m[free_m >= low_m + _LEAST_HEIGHT_M],
+                            up=True if is_lamp else None)
+        if bottom_m - margin_m <= low_m <= top_m + margin_m:
+            low_m = _moved(low_m, free_m[free_m <= high_m - _LEAST_HEIGHT_M],
+                           up=bottom_m <= _LOWEST_M + margin_m)
     return np.array([high_m, low_m])
 
 
@@ -68,30 +83,39 @@ def _off(rows_m: Array, lit_m: Array) -> Array:
     return np.asarray(np.abs(rows_m[:, None] - lit_m).min(axis=1, initial=np.inf))
 
 
-def _moved(edge_m: float, free_m: Array) -> float:
-    """Return the free height next above an edge, or else next below it, or else its own."""
-    above, below = free_m[free_m > edge_m], free_m[free_m < edge_m]
-    if len(above):
-        return float(above.min())
-    return float(below.max()) if len(below) else edge_m
+def _bands(lit_m: Array, margin_m: float) -> list[tuple[float, float]]:
+    """Return the highest and the lowest row of each band of rows (n,) without room between them."""
+    ends = np.flatnonzero(-np.diff(lit_m) > 2 * margin_m)
+    return [(float(band[0]), float(band[-1])) for band in np.split(lit_m, ends + 1) if len(band)]
 
 
-def _lit(geometry: LaneGeometry, front: FrontHypothesis, rows_m: Array, pair: StereoPair
-         ) -> NDArray[np.bool_]:
-    """Return which rows (n,) of the plane of a front clip in either view."""
-    across_m = front.x_m + np.arange(-front.half_m, front.half_m + GRID_M, GRID_M)
+def _moved(edge_m: float, free_m: Array, up: Optional[bool]) -> float:
+    """
+    Return the height where an edge moves to, its own if there is no other.
+
+    :param edge_m: its height, m.
+    :param free_m: (n,) heights where it may be, m.
+    :param up: whether it rather moves up than down; None for the shorter way.
+    """
+    def cost(to_m: float) -> tuple[bool, float]:
+        return up is not None and (to_m > edge_m) is not up, abs(to_m - edge_m)
+    return min(free_m.tolist(), key=cost, default=edge_m)
+
+
+def _seen(geometry: LaneGeometry, front: FrontHypothesis, rows_m: Array, pair: StereoPair
+          ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which rows (n,) of a front clip in either view, and which are well inside both."""
+    columns = 2 * round(front.half_m / GRID_M) + 1
+    across_m = front.x_m + np.linspace(-front.half_m, front.half_m, columns)
     now, later = (geometry.points(np.array([front.s_m + ahead_m]), across_m, rows_m)[0]
                   for ahead_m in (0.0, front.ahead_m))
-    left, right, *valid = geometry.rig.as_taken(pair.motion).project(now, later)
-    lit = np.zeros(len(rows_m), dtype=bool)
-    for image, uv, in_image in zip((pair.left, pair.right), (left, right), valid):
-        clipped = _greys(image, uv) >= _CLIPPED_SHARE * np.iinfo(image.dtype).max
-        lit |= (in_image & clipped).any(axis=1)
-    return lit
-
-
-def _greys(image: Array, uv_px: Array) -> Array:
-    """Return the grey values (n, m) of the pixels nearest to pixels (n, m, 2)."""
-    last = np.array(image.shape[::-1]) - 1
-    u, v = np.clip(np.round(np.nan_to_num(uv_px)), 0, last).astype(int).transpose(2, 0, 1)
-    return np.asarray(image[v, u])
+    rig = geometry.rig.as_taken(pair.motion)
+    lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
+    for image, uv_px in zip((pair.left, pair.right), rig.project(now, later)):
+        uv_px, last = np.nan_to_num(uv_px, nan=-1.0), np.array(image.shape[::-1]) - 1
+        u, v = np.clip(np.round(uv_px), 0, last).astype(int).transpose(2, 0, 1)
+        inside = ((uv_px >= EDGE_PX) & (uv_px <= last - EDGE_PX)).all(axis=2)
+        clipped = image[v, u] >= _CLIPPED_SHARE * np.iinfo(image.dtype).max
+        lit |= (inside & clipped).any(axis=1)
+        in_view &= inside.all(axis=1)
+    return lit, in_view

@@ -186,8 +186,9 @@ class Track:
     @property
     def has_left(self) -> bool:
         """Return whether this track, once ended, has left the view, seen or hidden to the last."""
-        return holds(self.last) or (
-            isinstance(self.tracker, TellsEnd) and self.tracker.end is TrackEnd.LEFT_VIEW)
+        if isinstance(self.tracker, TellsEnd):
+            return self.tracker.end is TrackEnd.LEFT_VIEW
+        return holds(self.last)
 
     @cached_property
     def is_vehicle(self) -> bool:

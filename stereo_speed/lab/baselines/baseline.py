@@ -117,6 +117,11 @@ class Baseline(ABC, Generic[OwnSettings]):
         """Return whether the pass has ended: out of view, or lost for too long."""
         return self.life.end is not None
 
+    @property
+    def end(self) -> Optional[TrackEnd]:
+        """Return how the pass ended; None while it goes on."""
+        return self.life.end
+
     def update(self, pair: StereoPair) -> Optional[TrackUpdate]:
         """Process one pair, in order of stamps; return None once the pass has ended."""
         if self.ended:
