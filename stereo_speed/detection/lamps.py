@@ -4,9 +4,9 @@
 Keeps the upper and the lower edge of a detected front off lamps that clip.
 
 A clipped lamp keeps its size in pixels while the front grows (``tracking.observation``).  That
-moves the outline of a whole lamp inwards from all sides, and leaves its middle in place.  Where the
-edge of the front cuts through it, only one side is seen, which moves across the front: a drawn bus
-on a wet night was measured 1.4 % too slow.
+moves the outline of a whole lamp inwards from all sides, and leaves its middle in place.  Where
+the edge of the front cuts through it, only one side is seen, which moves across the front: a drawn
+bus on a wet night was measured 1.4 % too slow.
 
 The lamps are those of the pairs in which the front is detected.
 """
@@ -84,7 +84,7 @@ def _off(rows_m: Array, lit_m: Array) -> Array:
 
 
 def _bands(lit_m: Array, margin_m: float) -> list[tuple[float, float]]:
-    """Return the highest and the lowest row of each band of rows (n,) without room between them."""
+    """Return the highest and the lowest row of each band of rows (n,) with no room in between."""
     ends = np.flatnonzero(-np.diff(lit_m) > 2 * margin_m)
     return [(float(band[0]), float(band[-1])) for band in np.split(lit_m, ends + 1) if len(band)]
 
