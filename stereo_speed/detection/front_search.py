@@ -17,7 +17,7 @@ import numpy as np
 from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
-from .lamps import EDGE_PX, uncut_heights
+from .lamps import EDGE_PX, Look, uncut_heights
 from .lane_geometry import LaneGeometry
 from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
@@ -335,7 +335,8 @@ class FrontSearch:
         earlier = replace(front, s_m=front.s_m - motion.gone_m, x_m=front.x_m + motion.aside_m,
                           ahead_m=before.right_lag_s * motion.speed_mps)
         found = replace(found, heights_m=uncut_heights(
-            self.geometry[found.lane], found.heights_m, [(front, now), (earlier, before)]))
+            self.geometry[found.lane], found.heights_m,
+            [Look.now(front, now), Look.before(earlier, found.before)]))
         left, right = self.quads(found, front, now)
         if not self._inside(left, right):
             return None

@@ -12,13 +12,14 @@ The lamps are those of the pairs in which the front is detected.
 """
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .front_sampler import FrontHypothesis, GRID_M
 from .lane_geometry import LaneGeometry
+from .pyramid import PairPyramids
 from ..core.records import Array, StereoPair
 from ..core.tracker_config import NoiseConfig
 
@@ -32,7 +33,31 @@ _CLIPPED_SHARE = NoiseConfig().clipped_share  # of full scale, by default
 
 EDGE_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
 
-Look = tuple[FrontHypothesis, StereoPair]
+
+class Look(NamedTuple):
+    """
+    A front in a pair.
+
+    :param front: the front.
+    :param pair: the pair; its images are not used, as those of an earlier one may be gone.
+    :param views: left and right image, or parts of them, each with the column and row of the image
+        at which it begins.
+    """
+
+    front: FrontHypothesis
+    pair: StereoPair
+    views: Sequence[tuple[NDArray[Any], tuple[int, int]]]
+
+    @classmethod
+    def now(cls, front: FrontHypothesis, pair: StereoPair) -> Look:
+        """Return a front in the newest pair."""
+        return cls(front, pair, [(pair.left, (0, 0)), (pair.right, (0, 0))])
+
+    @classmethod
+    def before(cls, front: FrontHypothesis, kept: PairPyramids) -> Look:
+        """Return a front in an earlier pair, of which the part that is searched was kept."""
+        return cls(front, kept.pair, [
+            (view.levels[0], view.origin_px) for view in (kept.left, kept.right)])
 
 
 def uncut_heights(geometry: LaneGeometry, heights_m: Array, looks: Sequence[Look]) -> Array:
@@ -41,14 +66,14 @@ def uncut_heights(geometry: LaneGeometry, heights_m: Array, looks: Sequence[Look
 
     :param geometry: the lane of the front.
     :param heights_m: (2,) heights of its upper and its lower edge above the road, m.
-    :param looks: pairs, each with the front in it.
+    :param looks: the front in the pairs that show it.
     """
     rows_m = np.arange(heights_m[0] + _MORE_M, _LOWEST_M, -_STEP_M)
     lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
-    for front, pair in looks:
-        of_pair = _seen(geometry, front, rows_m, pair)
+    for look in looks:
+        of_pair = _seen(geometry, look, rows_m)
         lit, in_view = lit | of_pair[0], in_view & of_pair[1]
-    px_per_m = geometry.px_per_m(np.array([front.s_m for front, _ in looks])).min()
+    px_per_m = geometry.px_per_m(np.array([look.front.s_m for look in looks])).min()
     return moved_edges(rows_m[in_view], rows_m[lit], heights_m,
                        max(_MARGIN_PX / float(px_per_m), _STEP_M))
 
@@ -102,20 +127,23 @@ def _moved(edge_m: float, free_m: Array, up: Optional[bool]) -> float:
     return min(free_m.tolist(), key=cost, default=edge_m)
 
 
-def _seen(geometry: LaneGeometry, front: FrontHypothesis, rows_m: Array, pair: StereoPair
+def _seen(geometry: LaneGeometry, look: Look, rows_m: Array
           ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which rows (n,) of a front clip in either view, and which are well inside both."""
+    front, rig = look.front, geometry.rig.as_taken(look.pair.motion)
     columns = 2 * round(front.half_m / GRID_M) + 1
     across_m = front.x_m + np.linspace(-front.half_m, front.half_m, columns)
     now, later = (geometry.points(np.array([front.s_m + ahead_m]), across_m, rows_m)[0]
                   for ahead_m in (0.0, front.ahead_m))
-    rig = geometry.rig.as_taken(pair.motion)
+    most = _CLIPPED_SHARE * np.iinfo(look.pair.left.dtype).max
     lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
-    for image, uv_px in zip((pair.left, pair.right), rig.project(now, later)):
-        uv_px, last = np.nan_to_num(uv_px, nan=-1.0), np.array(image.shape[::-1]) - 1
-        u, v = np.clip(np.round(uv_px), 0, last).astype(int).transpose(2, 0, 1)
-        inside = ((uv_px >= EDGE_PX) & (uv_px <= last - EDGE_PX)).all(axis=2)
-        clipped = image[v, u] >= _CLIPPED_SHARE * np.iinfo(image.dtype).max
-        lit |= (inside & clipped).any(axis=1)
-        in_view &= inside.all(axis=1)
+    for camera, (image, origin), uv_px in zip(
+            (rig.left, rig.right), look.views, rig.project(now, later)):
+        uv_px = np.nan_to_num(uv_px, nan=-1.0)
+        last = np.array([camera.width_px, camera.height_px]) - 1 - EDGE_PX
+        in_view &= ((uv_px >= EDGE_PX) & (uv_px <= last)).all(axis=(1, 2))
+        at, size = np.round(uv_px).astype(int) - origin, image.shape[::-1]
+        kept = ((at >= 0) & (at < size)).all(axis=2)
+        u, v = np.where(kept[..., None], at, 0).transpose(2, 0, 1)
+        lit |= (kept & (image[v, u] >= most)).any(axis=1)
     return lit, in_view

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drawn_fronts import Front, LANE, LANES, pair_of, RIG, SPEED_MPS, STEP_NS
+from drawn_fronts import (
+    Front, LANE, LANES, pair_of, pyramids_of, RIG, SPEED_MPS, STEP_NS)
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from stereo_speed.core.records import StereoPair
 from stereo_speed.detection.config import DetectorConfig, FrontConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.detection.front_sampler import FrontHypothesis
-from stereo_speed.detection.lamps import moved_edges, uncut_heights
+from stereo_speed.detection.lamps import Look, moved_edges, uncut_heights
 from stereo_speed.detection.lane_geometry import LaneGeometry
 
 USUAL_M = np.array([FrontConfig.high_m, FrontConfig.low_m])
@@ -29,7 +30,7 @@ SCALE_M = 1 / 24  # size of a pixel on the front, 50 m away
 def look(front, pair=None):
     """Return a front and a pair that shows it."""
     found = FrontHypothesis(front.s_m, front.x_m, front.half_m)
-    return found, pair_of([front]) if pair is None else pair
+    return Look.now(found, pair_of([front]) if pair is None else pair)
 
 
 def heights_m(found, right=False):
@@ -98,7 +99,8 @@ def test_lamps_of_the_earlier_pair_count_too():
     """A lamp keeps its size in pixels, so it is larger on the front where that is farther away."""
     earlier = replace(FRONT, s_m=FRONT.s_m - 6.0, lamps_m=(0.66, 0.98))
     now = replace(FRONT, lamps_m=LAMPS_M)
-    high_m, _ = uncut_heights(GEOMETRY, USUAL_M, [look(now), look(earlier)])
+    before = Look.before(look(earlier).front, pyramids_of(pair_of([earlier])))
+    high_m, _ = uncut_heights(GEOMETRY, USUAL_M, [look(now), before])
     assert high_m > 0.98
 
 
@@ -108,7 +110,7 @@ def test_late_right_view_is_looked_at_where_the_front_is_by_then():
     late = pair_of([replace(FRONT)], late=[replace(front, s_m=front.s_m + gone_m)],
                    lag_ns=90_000_000)
     found = FrontHypothesis(FRONT.s_m, FRONT.x_m, FRONT.half_m, ahead_m=gone_m)
-    assert uncut_heights(GEOMETRY, USUAL_M, [(found, late)])[0] > LAMPS_M[1]
+    assert uncut_heights(GEOMETRY, USUAL_M, [Look.now(found, late)])[0] > LAMPS_M[1]
 
 
 def test_lower_edge_of_a_lorry_goes_below_its_lamps():
