@@ -17,8 +17,8 @@ import numpy as np
 from .config import FrontConfig, MotionConfig, SpacingConfig
 from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
-from .lamps import EDGE_PX, Look, uncut_heights
-from .lane_geometry import LaneGeometry
+from .lamps import Look, uncut_heights
+from .lane_geometry import LaneGeometry, well_inside
 from .outline import going_width, moving_outline
 from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
@@ -27,7 +27,6 @@ from .spacing import Held, Place, Spacing
 from .temporal_match import (
     find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
-from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
@@ -363,12 +362,8 @@ class FrontSearch:
 
     def _inside(self, left_px: Array, right_px: Array) -> bool:
         """Return whether a quad lies in both images, off their edges."""
-        return _well_in(self.rig.left, left_px) and _well_in(self.rig.right, right_px)
-
-
-def _well_in(camera: Camera, quad: Array) -> bool:
-    last = np.array([camera.width_px, camera.height_px]) - 1 - EDGE_PX
-    return bool(((quad >= EDGE_PX) & (quad <= last)).all())
+        return bool(well_inside(self.rig.left, left_px).all()
+                    and well_inside(self.rig.right, right_px).all())
 
 
 def _clockwise(corners: Array) -> Array:

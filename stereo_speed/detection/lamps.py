@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .front_sampler import FrontHypothesis, GRID_M
-from .lane_geometry import LaneGeometry
+from .lane_geometry import LaneGeometry, well_inside
 from .pyramid import PairPyramids
 from ..core.records import Array, StereoPair
 from ..core.tracker_config import NoiseConfig
@@ -30,8 +30,6 @@ _LAMP_M = 0.4  # greatest height of lamps with their glare; what is higher is pa
 _LEAST_HEIGHT_M = 0.3  # least height of a front
 _MARGIN_PX = 1.0  # least distance of an edge from a clipped pixel
 _CLIPPED_SHARE = NoiseConfig().clipped_share  # of full scale, by default
-
-EDGE_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
 
 
 class Look(NamedTuple):
@@ -138,11 +136,10 @@ def _seen(geometry: LaneGeometry, look: Look, rows_m: Array
     most = _CLIPPED_SHARE * np.iinfo(look.pair.left.dtype).max
     lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
     for camera, (image, origin), uv_px in zip(
-            (rig.left, rig.right), look.views, rig.project(now, later)):
-        uv_px = np.nan_to_num(uv_px, nan=-1.0)
-        last = np.array([camera.width_px, camera.height_px]) - 1 - EDGE_PX
-        in_view &= ((uv_px >= EDGE_PX) & (uv_px <= last)).all(axis=(1, 2))
-        at, size = np.round(uv_px).astype(int) - origin, image.shape[::-1]
+            (rig.left, rig.right), look.views, rig.project(now, later)[:2]):
+        in_view &= well_inside(camera, uv_px).all(axis=1)
+        at = np.round(np.nan_to_num(uv_px, nan=-1.0)).astype(int) - np.array(origin)
+        size = np.array(image.shape[::-1])
         kept = ((at >= 0) & (at < size)).all(axis=2)
         u, v = np.where(kept[..., None], at, 0).transpose(2, 0, 1)
         lit |= (kept & (image[v, u] >= most)).any(axis=1)

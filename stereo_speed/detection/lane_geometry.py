@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .pyramid import Patches
 from ..core.records import Array
+from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 
@@ -26,6 +27,7 @@ _HEIGHT_M = 0.5  # height above the road at which rates are computed
 _STEP_M = 0.5  # spacing of arc lengths for rates, and step of their numerical derivatives
 MOST_BEYOND_M = 40.0  # greatest straight extension of the path beyond its ends
 _NODES = (3, 5)  # up and across; pixels between them are interpolated by polynomials
+_EDGE_PX = 2.0  # least distance of a quad from the edge of an image, for sampling at corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,6 +256,17 @@ class LaneGeometry:
         _, _, left, right = self.project(self._s_m, np.array([-0.5, 0.5]) * width_m, heights_m)
         large = self._rates.px_per_m >= least_px_per_m
         return self._s_m[left.all(axis=(1, 2)) & right.all(axis=(1, 2)) & large]
+
+
+def well_inside(camera: Camera, uv_px: Array) -> NDArray[np.bool_]:
+    """
+    Return which pixels lie in an image and far enough from its edge to be sampled around.
+
+    :param camera: the camera of the image.
+    :param uv_px: (..., 2) raw pixels.
+    """
+    last = np.array([camera.width_px, camera.height_px]) - 1 - _EDGE_PX
+    return np.asarray(((uv_px >= _EDGE_PX) & (uv_px <= last)).all(axis=-1))
 
 
 def _interpolated(uv: Array, rows: int, columns: int) -> Patches:

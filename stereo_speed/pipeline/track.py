@@ -24,8 +24,7 @@ from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..tracking.lane_assigner import LaneAssigner
 from ..tracking.protocol import (
-    CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, TellsEnd, Tracker,
-    TrackStart)
+    CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, TellsEnd, Tracker, TrackStart)
 from ..tracking.upright import Upright
 
 MOST_RESTART_PAIRS = 12  # a track that was fed more pairs is not restarted
@@ -199,7 +198,12 @@ class Track:
         confirmed.  One that was lost unconfirmed, as in a gap of the stream, does not.
         """
         return self.confirmed or self.detection is None or (
-            holds(self.last) and self.tracker.result().end is TrackEnd.LEFT_VIEW)
+            holds(self.last) and self._end() is TrackEnd.LEFT_VIEW)
+
+    def _end(self) -> Optional[TrackEnd]:
+        """Return how its pass ended, where necessary by measuring it."""
+        tracker = self.tracker
+        return tracker.end if isinstance(tracker, TellsEnd) else tracker.result().end
 
 
 def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerConfig,
