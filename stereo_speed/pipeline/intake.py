@@ -6,21 +6,26 @@ from __future__ import annotations
 import math
 from typing import Optional
 
+from .hiding import is_hidden
+from .roster import Roster
 from .track import holds, is_sure, Track
 from ..core.records import StereoPair, TrackState, TrackUpdate
 from ..core.tracker_config import TrackerConfig
 from ..detection.protocol import Detection
+from ..geometry.rig import StereoRig
 
 
 class Intake:
     """
     Feeds tracks, and handles the updates of their trackers.
 
+    :param rig: the cameras.
     :param config: parameters that all trackers share.
+    :param roster: the tracks, whose vehicles may hide one another.
     """
 
-    def __init__(self, config: TrackerConfig) -> None:
-        self.config = config
+    def __init__(self, rig: StereoRig, config: TrackerConfig, roster: Roster) -> None:
+        self.rig, self.config, self.roster = rig, config, roster
 
     def feed(self, track: Track, pair: StereoPair,
              particles: Optional[int] = None) -> Optional[TrackUpdate]:
@@ -46,7 +51,7 @@ class Intake:
         track.hidden = not holds(update) or (
             track.hidden and not self._moves(self._as_sure(update)))
         track.doubted = track.lies or self._is_doubtful(track, update)
-        if track.doubted:
+        if track.doubted or self._is_behind_another(update):
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
         update = track.lanes.place(self._as_sure(update))
@@ -57,7 +62,7 @@ class Intake:
 
     def expect(self, track: Track, update: TrackUpdate) -> TrackUpdate:
         """Register a predicted update until the track is fed the pair; return it with the lane."""
-        if track.doubted or not track.confirmed:
+        if track.doubted or not track.confirmed or self._is_behind_another(update):
             update = update.unconfirmed()
         track.last = track.lanes.carried(self._as_sure(update))
         return track.last
@@ -73,6 +78,11 @@ class Intake:
         std = math.hypot(update.speed_std_mps, front.speed_std_mps)
         limit = self.config.association.same_speed_sigmas * std + change_mps
         return abs(update.speed_mps - front.speed_mps) < limit
+
+    def _is_behind_another(self, update: TrackUpdate) -> bool:
+        """Return whether another track's vehicle is in the way of a front."""
+        return is_hidden(update, self.roster.tracks, self.rig,
+                         self.config.association.same_vehicle_m)
 
     def _as_sure(self, update: TrackUpdate) -> TrackUpdate:
         """Return an update, tentative where its speed is too uncertain for a reading."""

@@ -132,7 +132,8 @@ class SpeedPipeline:
         self._search = VehicleSearch(rig, detector, config.association)
         self._concluding: set[int] = set()  # numbers of the tracks whose passes are being measured
         self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
-        self._roster, self._intake = Roster(config.association.same_vehicle_m), Intake(config)
+        self._roster = Roster(config.association.same_vehicle_m)
+        self._intake = Intake(rig, config, self._roster)
         self._starter = Starter(
             rig, self.lanes, config, start, seed, self._intake, self._roster, self.view_lag)
         self._open = OpenWork(solving, self._roster, self._intake, self._starter)
