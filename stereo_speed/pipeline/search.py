@@ -9,7 +9,7 @@ from typing import Optional, Sequence
 import numpy as np
 
 from .track import ahead_m, Track
-from ..core.records import Array, StereoPair, TrackUpdate
+from ..core.records import StereoPair, TrackUpdate
 from ..core.tracker_config import AssociationConfig
 from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
@@ -25,14 +25,14 @@ class Search:
 
     :param pair: the pair that is searched.
     :param tracked: regions that tracks held in it.
-    :param doubted: tracks that were doubted, each with the centre (3,) of its front.
+    :param doubted: tracks that were doubted, each with its last update.
     :param found: fronts found in it; None while the search is under way.
     :param seen: updates of the tracks for the pair.
     """
 
     pair: StereoPair
     tracked: Sequence[TrackedRegion]
-    doubted: Sequence[tuple[Track, Array]]
+    doubted: Sequence[tuple[Track, TrackUpdate]]
     found: Optional[Sequence[Detection]] = None
     seen: list[TrackUpdate] = field(default_factory=list)
 
@@ -75,7 +75,7 @@ class VehicleSearch:
     def of(self, pair: StereoPair, tracks: Sequence[Track]) -> Search:
         """Return a search of a pair that the tracks have been fed."""
         return Search(pair, self._regions(pair, tracks), [
-            (t, t.last.position_m) for t in tracks if t.doubted and t.last is not None])
+            (t, t.last) for t in tracks if t.doubted and t.last is not None])
 
     def expect(self, pair: StereoPair, tracks: Sequence[Track]) -> None:
         """Have a pair searched before the tracks are fed it."""

@@ -12,7 +12,7 @@ import numpy as np
 from .intake import Intake
 from .roster import Begun, Roster
 from .search import Search
-from .track import holds, start_of, Track, with_stamps
+from .track import holds, may_be_at, start_of, Track, with_stamps
 from .turns import share_of
 from ..classification.size import VehicleSize
 from ..core.records import Array, InitialFront, RigMotion, StereoPair
@@ -177,8 +177,8 @@ class Starter:
         """Return the doubted track that holds a detected front; None where none does."""
         near_m, centre_m = self.config.association.same_vehicle_m, self._centre_m(
             front, search.pair)
-        return next((track for track, at_m in search.doubted if track in self.roster.tracks
-                     and np.linalg.norm(at_m - centre_m) < near_m), None)
+        return next((track for track, last in search.doubted if track in self.roster.tracks
+                     and may_be_at(last, centre_m, near_m)), None)
 
     def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
         """Return the lane whose path is nearest to a front, measured across the road."""

@@ -27,6 +27,7 @@ from ..tracking.protocol import (
     CanHurry, CarriesOn, DoubtsStamps, SeesGaps, TellsAge, TellsEnd, Tracker, TrackStart)
 from ..tracking.upright import Upright
 
+_SURE_SIGMAS = 3.0  # deviations of a place that are taken for certain to hold it
 MOST_RESTART_PAIRS = 12  # a track that was fed more pairs is not restarted
 
 
@@ -251,6 +252,20 @@ def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate
         update.speed_std_mps, update.unnoticed_mps / limits.unnoticed_sigmas))
     enough = wider.speed_std_mps <= limits.unnoticed_std_mps or is_sure(wider, limits)
     return wider if enough else wider.unconfirmed()
+
+
+def may_be_at(update: TrackUpdate, place_m: Array, near_m: float) -> bool:
+    """
+    Return whether a front may be near a place (3,), given the uncertainty of its own place.
+
+    The range of a far front is uncertain by a metre or more in its first pairs.
+
+    :param near_m: distance that counts as near, m.
+    """
+    away_m = place_m - update.position_m
+    distance_m = float(np.linalg.norm(away_m))
+    std_m = math.sqrt(float(away_m @ update.position_cov_m2 @ away_m)) / max(distance_m, 1e-9)
+    return distance_m - _SURE_SIGMAS * std_m < near_m
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
