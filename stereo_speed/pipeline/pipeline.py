@@ -11,42 +11,35 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from functools import partial
 import math
-from typing import Callable, Container, Iterable, Mapping, Optional, Sequence
+from typing import Callable, Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 
 from .conclusions import AtOnce, Conclusions
+from .doubts import Doubts
+from .endings import Endings
 from .intake import Intake
 from .open_work import OpenWork
-from .pass_end import PassEnd
 from .roster import Begun, Roster
 from .search import Search, VehicleSearch
 from .solving import SolvingBeside
 from .starting import Starter, StartTracker
-from .time_doubt import TimeDoubt
-from .track import holds, Track, with_unnoticed
+from .track import holds
 from .turns import share_of, solve_interval_s, take_turns
 from ..core.errors import InputError
 from ..core.passes import PassResult, Reason
 from ..core.records import InitialFront, StereoPair, TrackState, TrackUpdate
-from ..core.stamp_watch import StampWatch
 from ..core.tracker_config import TrackerConfig
 from ..detection.protocol import Detection, Detector
 from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
-from ..steadying.doubt import SpeedDoubt
 from ..steadying.steadier import Steadier
-from ..steadying.view_lag import ViewLag
 from ..tracking.initialise import check_annotation
 from ..tracking.protocol import SharesParticles
 
 _SOLVED_S = 0.5  # age, by stamps, from which an unfinished solution is waited for
 _INTERVALS = 5  # number of latest intervals whose median is the usual one, despite lost pairs
-# Ratio to the stamp 1-sigma a track assumes at which it is told a larger one; twenty intervals
-# estimate it to within a fifth.
-_WORSE = 1.5
 
 TellReadings = Callable[[Sequence[TrackUpdate]], object]
 
@@ -124,19 +117,17 @@ class SpeedPipeline:
             raise InputError('site', 'lanes', 'none', 'at least one lane')
         for front in annotations:
             check_annotation(rig, front, where)
-        self.rig, self.lanes, self.config = rig, dict(lanes), config
-        self.detector, self.steadier = detector, steadier
+        self.rig, self.lanes, self.config, self.detector = rig, dict(lanes), config, detector
         self._annotations = tuple(annotations)
-        self._doubt = SpeedDoubt(rig, lanes, config)
-        self._conclusions = AtOnce() if conclusions is None else conclusions
         self._search = VehicleSearch(rig, detector, config.association)
-        self._concluding: set[int] = set()  # numbers of the tracks whose passes are being measured
-        self.view_lag, self.stamp_watch = ViewLag(rig), StampWatch()
         self._roster = Roster(config.association.same_vehicle_m)
+        self.doubts = Doubts(rig, self.lanes, config, self._roster, steadier)
         self._intake = Intake(rig, config, self._roster)
         self._starter = Starter(
-            rig, self.lanes, config, start, seed, self._intake, self._roster, self.view_lag)
+            rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubts.lag)
         self._open = OpenWork(solving, self._roster, self._intake, self._starter)
+        self._endings = Endings(self._roster, self._open, self.doubts,
+                                AtOnce() if conclusions is None else conclusions)
         self._state = _State()
 
     @property
@@ -169,17 +160,16 @@ class SpeedPipeline:
         self._take_open(pair.stamp_ns - _SOLVED_S * 1e9)
         dense = self._is_dense(pair.stamp_ns)
         pair = self._in_time(pair)
-        beside = self._open.is_possible and dense and not self.view_lag.concerned
+        beside = self._open.is_possible and dense and not self.doubts.lag.concerned
         if not beside:
             self._take_open()
-        if self.steadier is not None:
-            pair = self.steadier.steady(pair)
+        pair = self.doubts.steadied(pair)
         self._start_annotated(pair)
         updates = self._updates(pair, _Pace(hurried, dense, beside), readings)
         updates = self._with_lag(pair, updates)
         self._tell_others(pair, updates)
-        self._collect(everything=False)
-        published = self._widened(updates)
+        self._endings.collect(everything=False)
+        published = self.doubts.widened(updates)
         self._rule_out_restarts(published)
         return Step(published, self.concluded())
 
@@ -196,8 +186,8 @@ class SpeedPipeline:
         if searches and not pace.dense:
             search.expect(pair, self._roster.tracks)
         particles = self._share_out(pair, pace)
-        self._see_drift()
-        if self.view_lag.concerned:  # readings need the lag estimate that includes this pair
+        self.doubts.see_drift()
+        if self.doubts.lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
         follow = self._followed_beside if pace.beside else self._followed
         updates = follow(pair, particles, readings)
@@ -211,7 +201,7 @@ class SpeedPipeline:
         elif searches:
             new += self._detect(pair)
         if new:
-            self._see_drift()
+            self.doubts.see_drift()
         return _known([*updates, *new])
 
     def _with_lag(self, pair: StereoPair, updates: list[TrackUpdate]) -> list[TrackUpdate]:
@@ -221,9 +211,10 @@ class SpeedPipeline:
         :return: the updates, those of restarted tracks replaced where the correction of right
             stamps has changed.
         """
-        changes_s = self.view_lag.changes_s
-        self.view_lag.observe(pair, updates)
-        return self._restart(updates) if self.view_lag.changes_s > changes_s else updates
+        lag = self.doubts.lag
+        changes_s = lag.changes_s
+        lag.observe(pair, updates)
+        return self._restart(updates) if lag.changes_s > changes_s else updates
 
     def _check_order(self, pair: StereoPair) -> None:
         last_ns = self._state.last_ns
@@ -239,11 +230,16 @@ class SpeedPipeline:
         """
         self._state.last_ns = pair.stamp_ns
         self._check_size(pair)
-        if self.stamp_watch.add(pair.stamp_ns):
+        doubts = self.doubts
+        if doubts.stamps.add(pair.stamp_ns):
             self._end_by_step()
-        self._see_stamps()
-        self._see_gaps()
-        return self.view_lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+        self._starter.stamp_std_s = doubts.see_stamps()
+        step = doubts.clock_step()
+        if step is not None:
+            doubts.stamps.take_for_step(step)
+            self._end_by_step()
+        doubts.see_gaps()
+        return doubts.lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
 
     def _restart(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
         """
@@ -317,13 +313,13 @@ class SpeedPipeline:
         updates = {t: feed(t, pair, particles) for t in quick}
         early: list[TrackUpdate] = []
         if 0 < len(quick) < len(tracks):
-            early = [u for u in self._readings(updates.values()) if self._roster.is_apart(u)]
+            early = [u for u in self.doubts.readings(updates.values()) if self._roster.is_apart(u)]
             readings(early)
         updates.update((t, feed(t, pair, particles)) for t in tracks if t not in updates)
         published = {u.track for u in early}
         self._roster.drop_missing()
-        self._drop_doubles(pair.stamp_ns, published)
-        readings(self._readings(
+        self._endings.drop_doubles(pair.stamp_ns, published)
+        readings(self.doubts.readings(
             updates[t] for t in tracks if t.tracker.track not in published))
         return [updates[t] for t in tracks]
 
@@ -337,8 +333,8 @@ class SpeedPipeline:
         with self._open.held_up():
             updates = self._open.follow(pair, particles)
             self._roster.drop_missing()
-            self._drop_doubles(pair.stamp_ns)
-            readings(self._readings(updates))
+            self._endings.drop_doubles(pair.stamp_ns)
+            readings(self.doubts.readings(updates))
         return updates
 
     def _take_open(self, wait_before_ns: float = math.inf) -> None:
@@ -349,62 +345,8 @@ class SpeedPipeline:
         """
         ended = self._open.take(wait_before_ns)
         for track in ended.doubles:
-            self._conclude(track, Reason.DUPLICATE)
-        for error in ended.errors:  # raised where results are collected, as for a failed pass
-            self._conclusions.add(partial(_raised, error))
-
-    def _readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
-        """Return the updates that are readings, of tracks that have not ended."""
-        going_on = {t.tracker.track for t in self._roster.tracks if not t.ended}
-        return [u for u in self._widened(updates)
-                if u.state is TrackState.CONFIRMED and u.track in going_on]
-
-    def _see_stamps(self) -> None:
-        """Tell the tracks how uneven the stamps are."""
-        self._starter.stamp_std_s = uneven_s = self._times.uneven_s()
-        for track in self._roster.tracks:
-            if uneven_s is not None and uneven_s > _WORSE * (
-                    track.stamp_std_s or self.config.stamp_std_s):
-                track.see_stamps(uneven_s)
-
-    def _see_gaps(self) -> None:
-        """
-        Tell the tracks the gaps of the stream; if one shows a step of the clock, act on it.
-
-        A step forward by whole periods shows only in where vehicles are after it.
-        """
-        gaps = tuple(self.stamp_watch.gaps)
-        if not gaps:
-            return
-        steps = (track.clock_step for track in self._roster.tracks)
-        step = next((step for step in steps if step in gaps), None)
-        if step is not None:
-            self.stamp_watch.take_for_step(step)
-            self._end_by_step()
-        for track in self._roster.tracks:
-            track.see_gaps(gaps)
-
-    @property
-    def _times(self) -> TimeDoubt:
-        """Return the uncertainty of the stream's times as known now."""
-        return TimeDoubt(self.config, self.stamp_watch, self.view_lag)
-
-    def _see_drift(self) -> None:
-        """Tell the tracks the estimated rotation of the right camera."""
-        if self.steadier is not None:
-            for track in self._roster.tracks:
-                track.see_drift(self.steadier.drift.corrected_rad)
-
-    def _widened(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
-        """Return the updates of existing tracks, with the uncertainty of times and rig added."""
-        tracks = {track.tracker.track: track for track in self._roster.tracks}
-        times = self._times
-        widened = [times.widened(u, tracks[u.track])
-                   for u in updates if u is not None and u.track in tracks]
-        if self.steadier is not None:
-            widened = [self._doubt.update(u, self.steadier, tracks[u.track].drift_change_rad)
-                       for u in widened]
-        return [with_unnoticed(u, self.config.visibility) for u in widened]
+            self._endings.conclude(track, Reason.DUPLICATE)
+        self._endings.fail(ended.errors)
 
     def concluded(self, *, everything: bool = False) -> list[PassResult]:
         """
@@ -412,14 +354,12 @@ class SpeedPipeline:
 
         :param everything: whether to wait for all passes that are over.
         """
-        passes = self._conclusions.done(everything=everything)
-        self._concluding.difference_update(result.track for result in passes)
-        return passes
+        return self._endings.done(everything=everything)
 
     @property
     def open_tracks(self) -> set[int]:
         """Return the numbers of the tracks whose passes may still come."""
-        return self._concluding | self._open.double_numbers | {
+        return self._endings.numbers | self._open.double_numbers | {
             t.tracker.track for t in self._roster.tracks}
 
     def is_idle(self) -> bool:
@@ -432,22 +372,21 @@ class SpeedPipeline:
         way is left, its answer is waited for, so that the result does not depend on its timing.
         """
         left_lately = self._search.has_lately_gone(self._state.last_ns)
-        if self.open_tracks or self._open.beginnings or left_lately or self.view_lag.concerned:
+        if self.open_tracks or self._open.beginnings or left_lately or self.doubts.lag.concerned:
             return False
         self._search.settle()
         return self._search.under_way is None or not self._search.under_way.found
 
     def go_on_from(self, other: SpeedPipeline) -> None:
         """Take over track numbers, the state of the rig and stamps from an idle pipeline."""
-        self.next_track, self.steadier = other.next_track, other.steadier
-        self.stamp_watch, self._state.last_ns = other.stamp_watch, other._state.last_ns
+        self.next_track, self._state.last_ns = other.next_track, other._state.last_ns
+        self.doubts.go_on_from(other.doubts)
 
     def look(self, pair: StereoPair) -> None:
         """Update stamps and the state of the rig from a pair that is already measured."""
-        self.stamp_watch.add(pair.stamp_ns)
+        self.doubts.stamps.add(pair.stamp_ns)
         self._state.last_ns = pair.stamp_ns
-        if self.steadier is not None:
-            self.steadier.steady(pair.triggered(self.config.trigger_tolerance_s))
+        self.doubts.steadied(pair.triggered(self.config.trigger_tolerance_s))
 
     def finish(self) -> list[PassResult]:
         """
@@ -458,17 +397,15 @@ class SpeedPipeline:
         self._open.drop_beginnings()
         self._take_open()
         self._search.take()
-        self._collect(everything=True)
+        self._endings.collect(everything=True)
         return self.concluded(everything=True)
 
     def reset(self) -> None:
         """Discard all tracks and times, as after a jump back in time; numbers are not reused."""
         self._open.drop()
         self._roster.tracks, self._state = [], _State()
-        self.stamp_watch.restart()
+        self.doubts.restart()
         self._search.reset()
-        if self.steadier is not None:
-            self.steadier.reset()
 
     def _end_by_step(self) -> None:
         """
@@ -482,7 +419,7 @@ class SpeedPipeline:
             if track.detection is not None:
                 self._roster.tracks.remove(track)
                 if track.confirmed:
-                    self._conclude(track)
+                    self._endings.conclude(track)
         self._search.take()
         if self.detector is not None:
             self.detector.reset()  # its earlier pairs have stamps from before the step
@@ -561,18 +498,6 @@ class SpeedPipeline:
                 begun.append(one)
         return begun
 
-    def _drop_doubles(self, stamp_ns: int, published: Container[int] = ()) -> None:
-        """
-        End one of two tracks that hold the same vehicle, once its turn is over.
-
-        The parameters are those of :meth:`.roster.Roster.drop_doubles`.
-        """
-        for track in self._roster.drop_doubles(stamp_ns, published):
-            if track.turn is not None:
-                self._open.end_later(track)
-            else:
-                self._conclude(track, Reason.DUPLICATE)
-
     def _check_size(self, pair: StereoPair) -> None:
         for side, image, camera in (('left', pair.left, self.rig.left),
                                     ('right', pair.right, self.rig.right)):
@@ -582,44 +507,7 @@ class SpeedPipeline:
                     f'{image.shape[1]}x{image.shape[0]}',
                     f'{camera.width_px}x{camera.height_px} as calibrated')
 
-    def _collect(self, *, everything: bool) -> None:
-        """
-        Measure the passes that are over.
-
-        A vehicle that left the view before it was confirmed is rejected.  An unconfirmed track
-        that was lost, or had just started when the stream ended, gives no pass.
-        """
-        tracks = self._roster.tracks
-        for track in [t for t in tracks if everything or t.ended]:
-            tracks.remove(track)
-            if track.confirmed or track.detection is None:
-                self._conclude(track)
-            elif track.ended and track.is_vehicle:
-                self._conclude(track, Reason.TOO_FEW_PAIRS)
-
-    def _conclude(self, track: Track, reason: Optional[Reason] = None) -> None:
-        """
-        Have the whole pass of an ended track measured.
-
-        :param reason: why the pass is rejected in any case; None to let the measurement decide.
-        """
-        lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
-        rig_shares = {} if self.steadier is None else self._doubt.shares(
-            self.steadier, track.drift_change_rad)
-        track.see_gaps(tuple(self.stamp_watch.gaps))  # it may have started in the newest pair
-        track.restart_pairs = None  # otherwise the pass process would be sent these images
-        self._concluding.add(track.tracker.track)
-        self._conclusions.add(
-            PassEnd(
-                track, self.lanes, self.config, self._doubt, lag_share, rig_shares, reason),
-            partial(self._concluding.discard, track.tracker.track))
-
 
 def _known(updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:
     """Return the updates of the tracks that have one."""
     return [update for update in updates if update is not None]
-
-
-def _raised(error: Exception) -> PassResult:
-    """Raise an error in the place of a pass."""
-    raise error

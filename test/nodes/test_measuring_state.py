@@ -18,7 +18,7 @@ def stepped(times):
     """Return a stand-in for a pipeline with a number of clock steps."""
     watch = StampWatch()
     watch.steps, watch.last_step_s = times, 0.03
-    return SimpleNamespace(stamp_watch=watch)
+    return SimpleNamespace(doubts=SimpleNamespace(stamps=watch))
 
 
 def told(steps, pipeline):
@@ -71,6 +71,7 @@ def test_latencies_are_reported_once_there_are_any():
 def test_image_evidence_on_the_lag_between_views_is_reported(lag, level, says):
     known = {'gap_s': 5e-3, 'looks': 9, 'correction_s': 0.0, 'std_s': 1e-3, 'constant': False}
     state = State('fine')
-    tell_stamps(SimpleNamespace(uneven_stamps_s=None, view_lag=SimpleNamespace(
-        state=SimpleNamespace(**{**known, **lag}))), state)
+    estimated = SimpleNamespace(state=SimpleNamespace(**{**known, **lag}))
+    tell_stamps(SimpleNamespace(
+        uneven_stamps_s=None, doubts=SimpleNamespace(lag=estimated)), state)
     assert state.level == level and '5.0 ms apart' in state.message and says in state.message

@@ -183,7 +183,7 @@ def test_of_two_tracks_of_a_vehicle_the_one_that_sees_it_remains(scene):
     younger = pipeline._roster.tracks[-1]
     assert younger is not first
     first.last = replace(younger.last, state=TrackState.COASTING)
-    pipeline._drop_doubles(pair.stamp_ns)
+    pipeline._endings.drop_doubles(pair.stamp_ns)
     assert pipeline._roster.tracks == [younger]
 
 
@@ -284,7 +284,7 @@ def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeyp
     stamps_ns = [pair.stamp_ns for pair in sequence.pairs]
     period_ns = stamps_ns[1] - stamps_ns[0]
     for k in range(-21, 0):  # a pace is known after twenty intervals
-        pipeline.stamp_watch.add(stamps_ns[0] + k * period_ns)
+        pipeline.doubts.stamps.add(stamps_ns[0] + k * period_ns)
     for pair in sequence.pairs[:2] + sequence.pairs[3:]:
         pipeline.process(pair)
     result, = pipeline.finish()
@@ -300,12 +300,12 @@ def test_step_that_the_images_of_a_track_show_ends_the_passes(scene, monkeypatch
     for pair in scene[0].pairs[:5]:
         pipeline.process(pair)
     step = Gap(scene[0].pairs[4].stamp_ns, 3, 0.1)
-    pipeline.stamp_watch.gaps.append(step)
+    pipeline.doubts.stamps.gaps.append(step)
     assert len(pipeline._roster.tracks) == 2
     monkeypatch.setattr(type(pipeline._roster.tracks[1].tracker), 'clock_step', step)
     passes = pipeline.process(scene[0].pairs[5]).passes
     assert [result.reason for result in passes] == ['stamps_uncertain'] * 2
-    watch = pipeline.stamp_watch
+    watch = pipeline.doubts.stamps
     assert (watch.steps, watch.last_step_s) == (1, pytest.approx(0.2)) and step not in watch.gaps
 
 
@@ -459,7 +459,7 @@ def test_detected_vehicle_is_found_anew_after_a_step_of_the_clock(scene, step_ns
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0, 5})
     for k in range(20, 0, -1):
-        pipeline.stamp_watch.add(sequence.pairs[0].stamp_ns - 200_000_000 * k)
+        pipeline.doubts.stamps.add(sequence.pairs[0].stamp_ns - 200_000_000 * k)
     results, updates = [], []
     for k, pair in enumerate(sequence.pairs):
         ns = pair.stamp_ns + step_ns * (k >= 4)
@@ -485,7 +485,7 @@ def test_track_that_starts_with_uneven_stamps_includes_their_uncertainty(scene):
         pairs = jittered(sequence.pairs, off_ns)
         pipeline, _ = automatic(scene, marks[:1], {0})
         for k in range(20, 0, -1):
-            pipeline.stamp_watch.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))
+            pipeline.doubts.stamps.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))
         steps = [pipeline.process(pair) for pair in pairs]
         least_mps = min(u.speed_std_mps for step in steps for u in step.updates
                         if u.state is TrackState.CONFIRMED)
@@ -594,7 +594,7 @@ def test_passes_of_arbitrary_exposure_times_are_measured(tmp_path, fps, jitter_s
         start, annotations=load_init(tmp_path / 'init.yaml'))
     now_ns, taken_s = sequence.pairs[0].stamp_ns, []
     for k in range(20):  # the stream ran before with the same unevenness
-        pipeline.stamp_watch.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
+        pipeline.doubts.stamps.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
     for pair in sequence.pairs:
         pipeline.process(pair)
         taken_s.append(pipeline.uneven_stamps_s)
@@ -849,7 +849,7 @@ def test_found_vehicle_is_not_tracked_over_a_step_of_the_clock(dense):
     pipeline, _ = automatic(dense, marks[:1], {1})
     first, second, later = sequence.pairs[:3]
     for k in range(100, 0, -1):  # the stream has a pace
-        pipeline.stamp_watch.add(first.stamp_ns - k * (second.stamp_ns - first.stamp_ns))
+        pipeline.doubts.stamps.add(first.stamp_ns - k * (second.stamp_ns - first.stamp_ns))
     pipeline.process(first), pipeline.process(second)
     assert not pipeline.process(replace(later, stamp_ns=later.stamp_ns + 10**7,
                                         right_stamp_ns=later.right_stamp_ns + 10**7)).updates
