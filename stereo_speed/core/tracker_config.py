@@ -293,12 +293,13 @@ class ClassConfig(CheckedRecord):
         2.2, 0.5, 10.0, 'm', 'see edge_width_m')
     motorcycle_width_m: float = parameter(
         0.65, 0.1, 4.0, 'm', 'mean width of the fronts of motorcycles')
-    motorcycle_width_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    motorcycle_width_std_m: float = parameter(0.15, 0.01, 1.0, 'm', 'its 1-sigma among them')
     motorcycle_height_m: float = parameter(
         1.45, 0.1, 5.0, 'm', 'mean height of motorcycles with their riders')
     motorcycle_height_std_m: float = parameter(0.2, 0.01, 1.0, 'm', 'its 1-sigma among them')
-    car_width_m: float = parameter(1.82, 0.1, 4.0, 'm', 'mean width of cars, without mirrors')
-    car_width_std_m: float = parameter(0.1, 0.01, 1.0, 'm', 'its 1-sigma among them')
+    car_width_m: float = parameter(1.8, 0.1, 4.0, 'm', 'mean width of cars, without mirrors')
+    car_width_std_m: float = parameter(
+        0.15, 0.01, 1.0, 'm', 'its 1-sigma among them; kei cars are 1.48 m wide')
     car_height_m: float = parameter(1.57, 0.1, 5.0, 'm', 'mean height of cars')
     car_height_std_m: float = parameter(0.15, 0.01, 1.0, 'm', 'its 1-sigma among them')
     van_width_m: float = parameter(2.0, 0.1, 4.0, 'm', 'mean width of vans')
