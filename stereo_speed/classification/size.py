@@ -12,13 +12,14 @@ does so better than with the same place of the earlier pair.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import Any, Optional, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .classes import classified
+from .classes import classified, is_edge
 from ..core.passes import VehicleKind
 from ..core.records import Array, StereoPair, TrackUpdate
 from ..core.tracker_config import ClassConfig
@@ -107,6 +108,8 @@ class VehicleSize:
     """
     Keeps some pairs that show one vehicle, and measures its size in them.
 
+    ``edge`` is whether a detected front seems to be only an edge of a vehicle so far.
+
     :param rig: the rig.
     :param lane: lane whose path the vehicle's positions refer to.
     :param config: sizes of the classes, and limits of the measurement.
@@ -123,6 +126,7 @@ class VehicleSize:
         self._marked_std_px, self._fronts, self._search = marked_std_px, fronts, search
         self._views: list[_View] = []
         self._first_px = 0.0  # width of the front in the first pair of the track
+        self.edge, self._looked_m = False, math.inf
 
     def take(self, pair: StereoPair, update: TrackUpdate) -> None:
         """Add a pair that shows the vehicle, with its update."""
@@ -135,6 +139,20 @@ class VehicleSize:
             self._views.append(view)
         if len(self._views) > self._search.most_views:
             self._views.remove(max(self._views, key=lambda v: v.range_m))
+        if self._marked_std_px is None:
+            self._look_for_edge(view.range_m)
+
+    def _look_for_edge(self, range_m: float) -> None:
+        """
+        See whether a narrow front is an edge, each time that it has come so near to show more.
+
+        :param range_m: range of the newest view, m.
+        """
+        if range_m * self._search.least_range_ratio > self._looked_m \
+                or self._tracked_width_m()[0] >= self.config.edge_width_m:
+            return
+        self._looked_m, found = range_m, self.measured()
+        self.edge = found is not None and is_edge(found, self.config)
 
     def measured(self) -> Optional[VehicleKind]:
         """Return the size and class of the vehicle; None if no pair was added."""

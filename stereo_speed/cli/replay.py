@@ -213,7 +213,7 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
             observe=observe, rows=rows, parts=parts, later=helpers.later,
             read_ahead=helpers.ahead)
         evidence.finish(result.passes)
-    steady = None if pipeline.doubts.steadier is None else pipeline.doubts.steadier.state()
+    steady = None if pipeline.doubt.steadier is None else pipeline.doubt.steadier.state()
     summary = {
         **summarize(args, config.with_tolerances(place.site.tolerances), bag, result, place.lanes),
         **evidence.summary(), **refinement,

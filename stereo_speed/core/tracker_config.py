@@ -287,7 +287,7 @@ class ClassConfig(CheckedRecord):
         0.15, 0.0, 1.0, '', 'least margin of that correlation over the one of a strip that stands '
         'still')
     edge_width_m: float = parameter(
-        1.2, 0.1, 4.0, 'm', 'a detected front that is narrower than this and higher than '
+        1.35, 0.1, 4.0, 'm', 'a detected front that is narrower than this and higher than '
         'edge_height_m is an edge of another vehicle, not a two-wheeler with a rider')
     edge_height_m: float = parameter(
         2.2, 0.5, 10.0, 'm', 'see edge_width_m')

@@ -492,7 +492,7 @@ class Measuring:
 
     @property
     def _steadier(self) -> Optional[Steadier]:
-        return None if self.pipeline is None else self.pipeline.doubts.steadier
+        return None if self.pipeline is None else self.pipeline.doubt.steadier
 
     def _mind_rig(self, pipeline: SpeedPipeline) -> None:
         """Reject open passes if a look has just found that the rig has moved."""

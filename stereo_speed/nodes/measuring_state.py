@@ -92,7 +92,7 @@ class ClockSteps:
 
     def tell(self, pipeline: SpeedPipeline, state: State) -> None:
         """Add clock steps to a state."""
-        watch = pipeline.doubts.stamps
+        watch = pipeline.doubt.stamps
         if watch is not self._watch:  # another pipeline counts from 0 again
             self._watch, self._known = watch, 0
         self._tally.add(watch.steps - self._known)
@@ -110,7 +110,7 @@ def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
         state.values['uneven_ms'] = round(off_ms, 3)
         state.find(WARN, f'stamps deviate from an even pace by {off_ms:.1f} ms: 1-sigmas are '
                    'larger')
-    lag = pipeline.doubts.lag.state
+    lag = pipeline.doubt.lag.state
     if lag is None:
         return
     state.values.update(gap_ms=round(lag.gap_s * 1e3, 3), looks=lag.looks,

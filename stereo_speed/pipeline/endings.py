@@ -7,9 +7,9 @@ from functools import partial
 from typing import Container, Optional, Sequence
 
 from .conclusions import Conclusions
-from .doubts import Doubts
 from .open_work import OpenWork
 from .roster import Roster
+from .stream_doubt import StreamDoubt
 from .track import Track
 from ..core.passes import PassResult, Reason
 
@@ -20,20 +20,20 @@ class Endings:
 
     :param roster: the tracks; those that end leave it.
     :param open_work: tracks that are solved for beside the pairs end after their turn.
-    :param doubts: what is uncertain of the stream.
+    :param doubt: what is uncertain of the stream.
     :param conclusions: measures passes.
     """
 
-    def __init__(self, roster: Roster, open_work: OpenWork, doubts: Doubts,
+    def __init__(self, roster: Roster, open_work: OpenWork, doubt: StreamDoubt,
                  conclusions: Conclusions) -> None:
-        self._roster, self._open, self._doubts = roster, open_work, doubts
+        self._roster, self._open, self._doubt = roster, open_work, doubt
         self._conclusions = conclusions
-        self._numbers: set[int] = set()
+        self._concluding: set[int] = set()
 
     @property
-    def numbers(self) -> set[int]:
+    def concluding(self) -> set[int]:
         """Return the numbers of the tracks whose passes are being measured."""
-        return self._numbers
+        return self._concluding
 
     def done(self, *, everything: bool) -> list[PassResult]:
         """
@@ -42,7 +42,7 @@ class Endings:
         :param everything: whether to wait for all passes that are over.
         """
         passes = self._conclusions.done(everything=everything)
-        self._numbers.difference_update(result.track for result in passes)
+        self._concluding.difference_update(result.track for result in passes)
         return passes
 
     def collect(self, *, everything: bool) -> None:
@@ -80,10 +80,10 @@ class Endings:
 
         :param reason: why the pass is rejected in any case; None to let the measurement decide.
         """
-        measure = self._doubts.pass_end(track, reason)
+        measure = self._doubt.pass_end(track, reason)
         track.restart_pairs = None  # otherwise the pass process would be sent these images
-        self._numbers.add(track.tracker.track)
-        self._conclusions.add(measure, partial(self._numbers.discard, track.tracker.track))
+        self._concluding.add(track.tracker.track)
+        self._conclusions.add(measure, partial(self._concluding.discard, track.tracker.track))
 
     def fail(self, errors: Sequence[Exception]) -> None:
         """Have errors raised where results are collected, as those of passes are."""

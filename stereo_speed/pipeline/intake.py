@@ -19,6 +19,8 @@ class Intake:
     """
     Feeds tracks, and handles the updates of their trackers.
 
+    Tracks that are being started are fed in the thread beside the pairs.
+
     :param rig: the cameras.
     :param config: parameters that all trackers share.
     :param roster: the tracks, whose vehicles may hide one another.
@@ -50,8 +52,8 @@ class Intake:
             return None
         track.hidden = not holds(update) or (
             track.hidden and not self._moves(self._as_sure(update)))
-        track.doubted = track.lies or self._is_doubtful(track, update)
-        if track.doubted or self._is_behind_another(update):
+        track.doubted = track.lies or track.is_edge or self._is_doubtful(track, update)
+        if track.doubted or self._is_behind_another(update, pair):
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED
         update = track.lanes.place(self._as_sure(update))
@@ -60,9 +62,9 @@ class Intake:
         track.trace.add(pair, particles, update, hurried=hurried, stamp_std_s=track.stamp_std_s)
         return update
 
-    def expect(self, track: Track, update: TrackUpdate) -> TrackUpdate:
+    def expect(self, track: Track, pair: StereoPair, update: TrackUpdate) -> TrackUpdate:
         """Register a predicted update until the track is fed the pair; return it with the lane."""
-        if track.doubted or not track.confirmed or self._is_behind_another(update):
+        if track.doubted or not track.confirmed or self._is_behind_another(update, pair):
             update = update.unconfirmed()
         track.last = track.lanes.carried(self._as_sure(update))
         return track.last
@@ -79,10 +81,11 @@ class Intake:
         limit = self.config.association.same_speed_sigmas * std + change_mps
         return abs(update.speed_mps - front.speed_mps) < limit
 
-    def _is_behind_another(self, update: TrackUpdate) -> bool:
-        """Return whether another track's vehicle is in the way of a front."""
-        return is_hidden(update, self.roster.tracks, self.rig,
-                         self.config.association.same_vehicle_m)
+    def _is_behind_another(self, update: TrackUpdate, pair: StereoPair) -> bool:
+        """Return whether another track's vehicle is in the way of a front that could be read."""
+        return update.state is TrackState.CONFIRMED and is_hidden(
+            update, tuple(self.roster.tracks), self.rig.as_taken(pair.motion),
+            self.config.association.same_vehicle_m)
 
     def _as_sure(self, update: TrackUpdate) -> TrackUpdate:
         """Return an update, tentative where its speed is too uncertain for a reading."""

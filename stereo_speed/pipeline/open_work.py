@@ -174,7 +174,7 @@ class OpenWork:
         if expected is None:
             return None
         track.turn.expected[pair.stamp_ns] = expected
-        return self._intake.expect(track, expected)
+        return self._intake.expect(track, pair, expected)
 
     def _take_turn(self, track: Track, turn: Turn, errors: list[Exception]) -> None:
         """Take in a track's updates for the pairs of its finished turn."""

@@ -17,7 +17,6 @@ from typing import Callable, Iterable, Mapping, Optional, Sequence
 import numpy as np
 
 from .conclusions import AtOnce, Conclusions
-from .doubts import Doubts
 from .endings import Endings
 from .intake import Intake
 from .open_work import OpenWork
@@ -25,6 +24,7 @@ from .roster import Begun, Roster
 from .search import Search, VehicleSearch
 from .solving import SolvingBeside
 from .starting import Starter, StartTracker
+from .stream_doubt import StreamDoubt
 from .track import holds
 from .turns import share_of, solve_interval_s, take_turns
 from ..core.errors import InputError
@@ -121,12 +121,12 @@ class SpeedPipeline:
         self._annotations = tuple(annotations)
         self._search = VehicleSearch(rig, detector, config.association)
         self._roster = Roster(config.association.same_vehicle_m)
-        self.doubts = Doubts(rig, self.lanes, config, self._roster, steadier)
+        self.doubt = StreamDoubt(rig, self.lanes, config, self._roster, steadier)
         self._intake = Intake(rig, config, self._roster)
         self._starter = Starter(
-            rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubts.lag)
+            rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubt.lag)
         self._open = OpenWork(solving, self._roster, self._intake, self._starter)
-        self._endings = Endings(self._roster, self._open, self.doubts,
+        self._endings = Endings(self._roster, self._open, self.doubt,
                                 AtOnce() if conclusions is None else conclusions)
         self._state = _State()
 
@@ -160,16 +160,16 @@ class SpeedPipeline:
         self._take_open(pair.stamp_ns - _SOLVED_S * 1e9)
         dense = self._is_dense(pair.stamp_ns)
         pair = self._in_time(pair)
-        beside = self._open.is_possible and dense and not self.doubts.lag.concerned
+        beside = self._open.is_possible and dense and not self.doubt.lag.concerned
         if not beside:
             self._take_open()
-        pair = self.doubts.steadied(pair)
+        pair = self.doubt.steadied(pair)
         self._start_annotated(pair)
         updates = self._updates(pair, _Pace(hurried, dense, beside), readings)
         updates = self._with_lag(pair, updates)
         self._tell_others(pair, updates)
         self._endings.collect(everything=False)
-        published = self.doubts.widened(updates)
+        published = self.doubt.widened(updates)
         self._rule_out_restarts(published)
         return Step(published, self.concluded())
 
@@ -186,8 +186,8 @@ class SpeedPipeline:
         if searches and not pace.dense:
             search.expect(pair, self._roster.tracks)
         particles = self._share_out(pair, pace)
-        self.doubts.see_drift()
-        if self.doubts.lag.concerned:  # readings need the lag estimate that includes this pair
+        self.doubt.see_drift()
+        if self.doubt.lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
         follow = self._followed_beside if pace.beside else self._followed
         updates = follow(pair, particles, readings)
@@ -201,7 +201,7 @@ class SpeedPipeline:
         elif searches:
             new += self._detect(pair)
         if new:
-            self.doubts.see_drift()
+            self.doubt.see_drift()
         return _known([*updates, *new])
 
     def _with_lag(self, pair: StereoPair, updates: list[TrackUpdate]) -> list[TrackUpdate]:
@@ -211,7 +211,7 @@ class SpeedPipeline:
         :return: the updates, those of restarted tracks replaced where the correction of right
             stamps has changed.
         """
-        lag = self.doubts.lag
+        lag = self.doubt.lag
         changes_s = lag.changes_s
         lag.observe(pair, updates)
         return self._restart(updates) if lag.changes_s > changes_s else updates
@@ -230,16 +230,17 @@ class SpeedPipeline:
         """
         self._state.last_ns = pair.stamp_ns
         self._check_size(pair)
-        doubts = self.doubts
-        if doubts.stamps.add(pair.stamp_ns):
+        doubt = self.doubt
+        if doubt.stamps.add(pair.stamp_ns):
             self._end_by_step()
-        self._starter.stamp_std_s = doubts.see_stamps()
-        step = doubts.clock_step()
+        self._starter.stamp_std_s = doubt.see_stamps()
+        gaps = tuple(doubt.stamps.gaps)
+        step = doubt.clock_step(gaps)
         if step is not None:
-            doubts.stamps.take_for_step(step)
+            doubt.stamps.take_for_step(step)
             self._end_by_step()
-        doubts.see_gaps()
-        return doubts.lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
+        doubt.see_gaps(gaps)
+        return doubt.lag.corrected(pair.triggered(self.config.trigger_tolerance_s))
 
     def _restart(self, seen: Sequence[TrackUpdate]) -> list[TrackUpdate]:
         """
@@ -313,13 +314,13 @@ class SpeedPipeline:
         updates = {t: feed(t, pair, particles) for t in quick}
         early: list[TrackUpdate] = []
         if 0 < len(quick) < len(tracks):
-            early = [u for u in self.doubts.readings(updates.values()) if self._roster.is_apart(u)]
+            early = [u for u in self.doubt.readings(updates.values()) if self._roster.is_apart(u)]
             readings(early)
         updates.update((t, feed(t, pair, particles)) for t in tracks if t not in updates)
         published = {u.track for u in early}
         self._roster.drop_missing()
         self._endings.drop_doubles(pair.stamp_ns, published)
-        readings(self.doubts.readings(
+        readings(self.doubt.readings(
             updates[t] for t in tracks if t.tracker.track not in published))
         return [updates[t] for t in tracks]
 
@@ -334,7 +335,7 @@ class SpeedPipeline:
             updates = self._open.follow(pair, particles)
             self._roster.drop_missing()
             self._endings.drop_doubles(pair.stamp_ns)
-            readings(self.doubts.readings(updates))
+            readings(self.doubt.readings(updates))
         return updates
 
     def _take_open(self, wait_before_ns: float = math.inf) -> None:
@@ -359,7 +360,7 @@ class SpeedPipeline:
     @property
     def open_tracks(self) -> set[int]:
         """Return the numbers of the tracks whose passes may still come."""
-        return self._endings.numbers | self._open.double_numbers | {
+        return self._endings.concluding | self._open.double_numbers | {
             t.tracker.track for t in self._roster.tracks}
 
     def is_idle(self) -> bool:
@@ -372,7 +373,7 @@ class SpeedPipeline:
         way is left, its answer is waited for, so that the result does not depend on its timing.
         """
         left_lately = self._search.has_lately_gone(self._state.last_ns)
-        if self.open_tracks or self._open.beginnings or left_lately or self.doubts.lag.concerned:
+        if self.open_tracks or self._open.beginnings or left_lately or self.doubt.lag.concerned:
             return False
         self._search.settle()
         return self._search.under_way is None or not self._search.under_way.found
@@ -380,13 +381,13 @@ class SpeedPipeline:
     def go_on_from(self, other: SpeedPipeline) -> None:
         """Take over track numbers, the state of the rig and stamps from an idle pipeline."""
         self.next_track, self._state.last_ns = other.next_track, other._state.last_ns
-        self.doubts.go_on_from(other.doubts)
+        self.doubt.go_on_from(other.doubt)
 
     def look(self, pair: StereoPair) -> None:
         """Update stamps and the state of the rig from a pair that is already measured."""
-        self.doubts.stamps.add(pair.stamp_ns)
+        self.doubt.stamps.add(pair.stamp_ns)
         self._state.last_ns = pair.stamp_ns
-        self.doubts.steadied(pair.triggered(self.config.trigger_tolerance_s))
+        self.doubt.steadied(pair.triggered(self.config.trigger_tolerance_s))
 
     def finish(self) -> list[PassResult]:
         """
@@ -404,7 +405,7 @@ class SpeedPipeline:
         """Discard all tracks and times, as after a jump back in time; numbers are not reused."""
         self._open.drop()
         self._roster.tracks, self._state = [], _State()
-        self.doubts.restart()
+        self.doubt.restart()
         self._search.reset()
 
     def _end_by_step(self) -> None:

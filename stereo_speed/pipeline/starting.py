@@ -174,11 +174,17 @@ class Starter:
             drift_rad=np.array((pair.motion or RigMotion()).drift_rad))
 
     def _doubted_at(self, front: Detection, search: Search) -> Optional[Track]:
-        """Return the doubted track that holds a detected front; None where none does."""
+        """
+        Return the doubted track that may hold a detected front; None where none does.
+
+        The front's own range is about as uncertain as that of the track.
+        """
         near_m, centre_m = self.config.association.same_vehicle_m, self._centre_m(
             front, search.pair)
-        return next((track for track, last in search.doubted if track in self.roster.tracks
-                     and may_be_at(last, centre_m, near_m)), None)
+        there = [(track, last) for track, last in search.doubted if track in self.roster.tracks
+                 and may_be_at(last, centre_m, near_m)]
+        return min(there, key=lambda one: float(np.linalg.norm(one[1].position_m - centre_m)),
+                   default=(None, None))[0]
 
     def _lane_of(self, front: InitialFront, pair: StereoPair) -> LanePath:
         """Return the lane whose path is nearest to a front, measured across the road."""

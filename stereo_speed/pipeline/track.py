@@ -46,8 +46,8 @@ class Track:
     :param second: second estimate of the speed; None where it is disabled.
     :param last: its newest update.
     :param confirmed: whether it has ever been confirmed.
-    :param doubted: whether it is doubted: its speed contradicts the detector's, it lies, or it has
-        not moved since it was hidden.
+    :param doubted: whether it is doubted: its speed contradicts the detector's, it lies, it is an
+        edge of a vehicle, or it has not moved since it was hidden.
     :param hidden: whether its vehicle has been hidden and not been seen moving since.
     :param lag_changes_s: sum of the changes of the time between the views when it began, s.
     :param clock_stepped: whether the clock of the stamps has stepped since it began.
@@ -89,6 +89,11 @@ class Track:
     def lies(self) -> bool:
         """Return whether a detected front lies on the road; annotated ones are not questioned."""
         return self.detection is not None and self.upright.lies
+
+    @property
+    def is_edge(self) -> bool:
+        """Return whether a detected front seems to be only an edge of a vehicle."""
+        return self.detection is not None and self.size.edge
 
     @property
     def ended(self) -> bool:
@@ -254,25 +259,26 @@ def with_unnoticed(update: TrackUpdate, limits: VisibilityConfig) -> TrackUpdate
     return wider if enough else wider.unconfirmed()
 
 
-def may_be_at(update: TrackUpdate, place_m: Array, near_m: float) -> bool:
+def may_be_at(update: TrackUpdate, centre_m: Array, near_m: float) -> bool:
     """
-    Return whether a front may be near a place (3,), given the uncertainty of its own place.
+    Return whether a front may be near a place, given the uncertainty of its own place.
 
     The range of a far front is uncertain by a metre or more in its first pairs.
 
+    :param centre_m: (3,) the place, left optical frame, m.
     :param near_m: distance that counts as near, m.
     """
-    away_m = place_m - update.position_m
-    distance_m = float(np.linalg.norm(away_m))
-    std_m = math.sqrt(float(away_m @ update.position_cov_m2 @ away_m)) / max(distance_m, 1e-9)
-    return distance_m - _SURE_SIGMAS * std_m < near_m
+    variances, axes = np.linalg.eigh(update.position_cov_m2)
+    away_m = np.abs((centre_m - update.position_m) @ axes)
+    surely_m = np.maximum(away_m - _SURE_SIGMAS * np.sqrt(np.maximum(variances, 0.0)), 0.0)
+    return float(np.linalg.norm(surely_m)) < near_m
 
 
 def ahead_m(update: TrackUpdate, stamp_ns: int) -> float:
-    """Return how far a vehicle travels until a later stamp at its current speed, m."""
+    """Return how far a vehicle travels until another stamp at its current speed, m."""
     return update.speed_mps * (stamp_ns - update.stamp_ns) * 1e-9
 
 
 def place_m(update: TrackUpdate, stamp_ns: int) -> Array:
-    """Return the position (3,) predicted for a later stamp, left optical frame, m."""
+    """Return the position (3,) predicted for another stamp, left optical frame, m."""
     return update.position_m + ahead_m(update, stamp_ns) * update.axes[:, 0]

@@ -34,6 +34,12 @@ def test_cars_of_all_widths_are_cars(width_m, height_m):
     assert classified(width_m, 0.08, height_m, CONFIG).name == VehicleClass.CAR
 
 
+@pytest.mark.parametrize(('width_m', 'name'), [
+    (2.05, VehicleClass.UNKNOWN), (1.1, VehicleClass.UNKNOWN), (0.95, VehicleClass.MOTORCYCLE)])
+def test_width_between_two_classes_is_unknown_without_a_height(width_m, name):
+    assert classified(width_m, 0.08, None, CONFIG).name == name
+
+
 def test_height_seen_behind_a_car_does_not_make_it_a_lorry():
     """Its own width excludes a lorry; the height is then not used."""
     never = replace(CONFIG, odd_height_share=0.0)

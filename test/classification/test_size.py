@@ -129,6 +129,31 @@ def test_two_wheeler_is_no_part_of_a_wider_front():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('kind', 'share', 'marked_std_px', 'edge'), [
+    ('truck', 0.5, None, True), ('truck', 1.0, None, False), ('truck', 0.5, 0.7, False),
+    ('car', 0.5, None, False), ('motorcycle', 1.0, None, False)])
+def test_narrow_front_of_something_high_is_an_edge(kind, share, marked_std_px, edge):
+    """It is known before the pass is over, so that an edge gives no readings until its end."""
+    rig, lane, rows = drawn(kind)
+    size = VehicleSize(rig, lane, CONFIG, marked_std_px)
+    known = []
+    for pair, update in rows:
+        size.take(pair, in_part(update, rig, 0.0, share))
+        known.append(size.edge)
+    assert known[0] is False and known[-1] is edge
+    assert any(known[:len(known) // 2]) is edge
+
+
+@pytest.mark.slow
+def test_edge_that_a_whole_front_is_seen_around_is_none():
+    rig, lane, rows = drawn('truck')
+    size = VehicleSize(rig, lane, CONFIG, fronts=FrontWidth(rig, lane))
+    for pair, update in rows:
+        size.take(pair, in_part(update, rig, 0.5, 1.0))
+    assert not size.edge
+
+
+@pytest.mark.slow
 def test_exposure_and_lag_of_the_right_view_have_no_effect():
     """The vehicle moves 0.4 m until the right view is exposed."""
     found = measured(*drawn('van', right_delay_s=0.02, right_gain=0.8))

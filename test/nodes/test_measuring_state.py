@@ -18,7 +18,7 @@ def stepped(times):
     """Return a stand-in for a pipeline with a number of clock steps."""
     watch = StampWatch()
     watch.steps, watch.last_step_s = times, 0.03
-    return SimpleNamespace(doubts=SimpleNamespace(stamps=watch))
+    return SimpleNamespace(doubt=SimpleNamespace(stamps=watch))
 
 
 def told(steps, pipeline):
@@ -73,5 +73,5 @@ def test_image_evidence_on_the_lag_between_views_is_reported(lag, level, says):
     state = State('fine')
     estimated = SimpleNamespace(state=SimpleNamespace(**{**known, **lag}))
     tell_stamps(SimpleNamespace(
-        uneven_stamps_s=None, doubts=SimpleNamespace(lag=estimated)), state)
+        uneven_stamps_s=None, doubt=SimpleNamespace(lag=estimated)), state)
     assert state.level == level and '5.0 ms apart' in state.message and says in state.message

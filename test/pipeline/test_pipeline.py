@@ -22,6 +22,7 @@ from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.pipeline.search import Search
 from stereo_speed.pipeline.track import start_of, with_unnoticed
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
@@ -156,6 +157,44 @@ def test_track_stays_doubted_while_the_detector_disagrees(scene):
     assert finder.occupied[-1] == []
 
 
+@pytest.mark.parametrize('std_m, new', [(0.1, 1), (2.0, 0)])
+def test_doubted_track_keeps_a_vehicle_found_beside_its_uncertain_place(scene, std_m, new):
+    """What is found is about 5 m ahead, which counts as near from 1.5 m and 3 sigmas on."""
+    sequence, _, marks = scene
+    pipeline, finder = automatic(scene, marks[:1], {0})
+    finder.speed_mps = 3.0
+    for pair in sequence.pairs[:4]:
+        pipeline.process(pair)
+    track, = pipeline._roster.tracks
+    assert track.doubted
+    left_px, right_px = project(sequence, marks[0], 4)  # 0.2 s after pair 3
+    finder.marks = [replace(marks[0], left_px=left_px, right_px=right_px)]
+    finder.pairs = {3}
+    fronts = finder.update(sequence.pairs[3], [])
+    place = replace(track.last, position_cov_m2=std_m ** 2 * np.eye(3))
+    search = Search(sequence.pairs[3], [], [(track, place)])
+    assert len(pipeline._starter.new(search, fronts)) == new
+
+
+@pytest.mark.parametrize('way', ['take', 'expect'])
+def test_front_behind_another_vehicle_gives_no_reading(scene, way):
+    pipeline, _ = automatic(scene, scene[2], {0})
+    for pair in scene[0].pairs[:5]:
+        pipeline.process(pair)
+    hider, track = pipeline._roster.tracks
+
+    def told(update):
+        intake = pipeline._intake
+        return intake.take(track, pair, None, update) if way == 'take' else intake.expect(
+            track, pair, update)
+    beside, there = track.last, hider.last
+    assert told(beside).state is TrackState.CONFIRMED
+    behind = replace(beside, position_m=1.2 * there.position_m, quad_left_px=there.quad_left_px,
+                     quad_right_px=there.quad_right_px)
+    assert told(behind).state is TrackState.TENTATIVE
+    assert told(replace(behind, position_m=0.8 * there.position_m)).state is TrackState.CONFIRMED
+
+
 def test_stationary_object_is_no_vehicle_despite_a_detected_motion(scene):
     """Road that a vehicle has just uncovered may seem to move; it is never published."""
     sequence, _, marks = scene
@@ -284,7 +323,7 @@ def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeyp
     stamps_ns = [pair.stamp_ns for pair in sequence.pairs]
     period_ns = stamps_ns[1] - stamps_ns[0]
     for k in range(-21, 0):  # a pace is known after twenty intervals
-        pipeline.doubts.stamps.add(stamps_ns[0] + k * period_ns)
+        pipeline.doubt.stamps.add(stamps_ns[0] + k * period_ns)
     for pair in sequence.pairs[:2] + sequence.pairs[3:]:
         pipeline.process(pair)
     result, = pipeline.finish()
@@ -300,12 +339,12 @@ def test_step_that_the_images_of_a_track_show_ends_the_passes(scene, monkeypatch
     for pair in scene[0].pairs[:5]:
         pipeline.process(pair)
     step = Gap(scene[0].pairs[4].stamp_ns, 3, 0.1)
-    pipeline.doubts.stamps.gaps.append(step)
+    pipeline.doubt.stamps.gaps.append(step)
     assert len(pipeline._roster.tracks) == 2
     monkeypatch.setattr(type(pipeline._roster.tracks[1].tracker), 'clock_step', step)
     passes = pipeline.process(scene[0].pairs[5]).passes
     assert [result.reason for result in passes] == ['stamps_uncertain'] * 2
-    watch = pipeline.doubts.stamps
+    watch = pipeline.doubt.stamps
     assert (watch.steps, watch.last_step_s) == (1, pytest.approx(0.2)) and step not in watch.gaps
 
 
@@ -459,7 +498,7 @@ def test_detected_vehicle_is_found_anew_after_a_step_of_the_clock(scene, step_ns
     sequence, _, marks = scene
     pipeline, finder = automatic(scene, marks[:1], {0, 5})
     for k in range(20, 0, -1):
-        pipeline.doubts.stamps.add(sequence.pairs[0].stamp_ns - 200_000_000 * k)
+        pipeline.doubt.stamps.add(sequence.pairs[0].stamp_ns - 200_000_000 * k)
     results, updates = [], []
     for k, pair in enumerate(sequence.pairs):
         ns = pair.stamp_ns + step_ns * (k >= 4)
@@ -485,7 +524,7 @@ def test_track_that_starts_with_uneven_stamps_includes_their_uncertainty(scene):
         pairs = jittered(sequence.pairs, off_ns)
         pipeline, _ = automatic(scene, marks[:1], {0})
         for k in range(20, 0, -1):
-            pipeline.doubts.stamps.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))
+            pipeline.doubt.stamps.add(pairs[0].stamp_ns - 200_000_000 * k + off_ns * (k % 2))
         steps = [pipeline.process(pair) for pair in pairs]
         least_mps = min(u.speed_std_mps for step in steps for u in step.updates
                         if u.state is TrackState.CONFIRMED)
@@ -594,7 +633,7 @@ def test_passes_of_arbitrary_exposure_times_are_measured(tmp_path, fps, jitter_s
         start, annotations=load_init(tmp_path / 'init.yaml'))
     now_ns, taken_s = sequence.pairs[0].stamp_ns, []
     for k in range(20):  # the stream ran before with the same unevenness
-        pipeline.doubts.stamps.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
+        pipeline.doubt.stamps.add(now_ns - round(1e9 / fps * (20 - k + 0.4 * (k % 2))))
     for pair in sequence.pairs:
         pipeline.process(pair)
         taken_s.append(pipeline.uneven_stamps_s)
@@ -849,7 +888,7 @@ def test_found_vehicle_is_not_tracked_over_a_step_of_the_clock(dense):
     pipeline, _ = automatic(dense, marks[:1], {1})
     first, second, later = sequence.pairs[:3]
     for k in range(100, 0, -1):  # the stream has a pace
-        pipeline.doubts.stamps.add(first.stamp_ns - k * (second.stamp_ns - first.stamp_ns))
+        pipeline.doubt.stamps.add(first.stamp_ns - k * (second.stamp_ns - first.stamp_ns))
     pipeline.process(first), pipeline.process(second)
     assert not pipeline.process(replace(later, stamp_ns=later.stamp_ns + 10**7,
                                         right_stamp_ns=later.right_stamp_ns + 10**7)).updates

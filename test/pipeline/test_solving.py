@@ -356,7 +356,7 @@ def test_step_of_the_clock_waits_for_solutions_under_way(dense):
     pipeline, pairs = marked(dense, solving), dense[0].pairs
     period_ns = pairs[1].stamp_ns - pairs[0].stamp_ns
     for k in range(20, 0, -1):
-        pipeline.doubts.stamps.add(pairs[0].stamp_ns - k * period_ns)
+        pipeline.doubt.stamps.add(pairs[0].stamp_ns - k * period_ns)
     busy, other, rest = until_busy(pipeline, solving, pairs)
     busy.detection, turn_ns = detected(dense), busy.turn.pair.stamp_ns
     ns = rest[0].stamp_ns + 20_000_000
@@ -377,7 +377,7 @@ def test_solutions_are_awaited_where_the_views_have_two_stamps(dense):
     busy, _, rest = until_busy(pipeline, solving, dense[0].pairs)
     turn_ns, right_ns = busy.turn.pair.stamp_ns, rest[0].stamp_ns + 5_000_000
     step = pipeline.process(replace(rest[0], right_stamp_ns=right_ns))
-    assert pipeline.doubts.lag.concerned and len(step.updates) == 2
+    assert pipeline.doubt.lag.concerned and len(step.updates) == 2
     assert solving.waited == 1 and not solving.tasks
     last = dense[0].pairs[len(dense[0].pairs) - len(rest) - 1]  # of those before, in its turn
     assert [fed.stamp_ns for fed in busy.trace.built().pairs[-3:]] == [
@@ -404,7 +404,7 @@ def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
     pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
     busy, other, rest = until_busy(pipeline, solving, pairs)
     period_ns, even_mps = pairs[1].stamp_ns - pairs[0].stamp_ns, busy.last.speed_std_mps
-    pipeline.doubts.stamps = uneven_until(rest[0].stamp_ns, period_ns)
+    pipeline.doubt.stamps = uneven_until(rest[0].stamp_ns, period_ns)
     step = pipeline.process(rest[0])
     assert not solving.waited and busy.turn is not None
     assert busy.stamp_std_s is None and other.stamp_std_s == pipeline.uneven_stamps_s > 0.002
@@ -418,7 +418,7 @@ def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
     results = pipeline.finish()
     for pair in pairs[:len(pairs) - len(rest) + 1 + more]:
         if pair is rest[0]:
-            at_once.doubts.stamps = uneven_until(pair.stamp_ns, period_ns)
+            at_once.doubt.stamps = uneven_until(pair.stamp_ns, period_ns)
         at_once.process(pair)
     for result, same in zip(results, at_once.finish(), strict=True):
         assert result.budget.stamps_mps == pytest.approx(same.budget.stamps_mps, rel=0.3)

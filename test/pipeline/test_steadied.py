@@ -39,7 +39,7 @@ def still():
 @pytest.mark.slow
 def test_fixed_rig_measures_as_without_steadying(still):
     result, _, pipeline = still
-    assert pipeline.doubts.steadier.state().swayed == 0
+    assert pipeline.doubt.steadier.state().swayed == 0
     assert result.speed_mps == measured(SMALL, OFF)[0].speed_mps
 
 
@@ -49,14 +49,14 @@ def test_sway_of_the_rig_does_not_affect_the_speed(still):
     result, true, pipeline = measured(moving)
     assert result.verdict is Verdict.MEASURED and result.pairs >= still[0].pairs - 1
     assert abs(result.speed_mps - true) < 3 * result.speed_std_mps
-    assert pipeline.doubts.steadier.state().swayed >= 10
+    assert pipeline.doubt.steadier.state().swayed >= 10
 
 
 @pytest.mark.slow
 def test_right_camera_that_rotates_during_the_pass_is_corrected():
     turned = replace(SMALL, right_turn_deg=(0.03, 0.0, 0.0), right_turn_s=0.45)
     result, true, pipeline = measured(turned)
-    drift = pipeline.doubts.steadier.drift
+    drift = pipeline.doubt.steadier.drift
     assert np.degrees(drift.corrected_rad[0]) == pytest.approx(0.03, abs=2e-3)
     assert result.speed_mps is None or abs(result.speed_mps - true) < 3 * result.speed_std_mps
     assert result.speed_mps is not None or result.reason == 'rig_uncertain'

@@ -15,6 +15,7 @@ from stereo_speed.pipeline.track import may_be_at
     ((1.5, 0.0, 0.0), True),    # three sigmas of 0.02 m across it
     ((-1.6, 0.0, 0.0), False),
     ((0.0, 0.0, 0.0), True),
+    ((2.0, 0.0, 2.0), False),   # across the view it is known to 2 cm, however uncertain along it
 ])
 def test_range_of_a_far_front_is_the_uncertain_part_of_its_place(away_m, near):
     place_m = np.array([1.5, -1.0, 73.0])

@@ -8,7 +8,7 @@ passes when these are over.
 """
 from __future__ import annotations
 
-from typing import Iterable, Mapping, Optional
+from typing import Iterable, Mapping, Optional, Sequence
 
 from .pass_end import PassEnd
 from .roster import Roster
@@ -29,7 +29,7 @@ from ..steadying.view_lag import ViewLag
 _WORSE = 1.5
 
 
-class Doubts:
+class StreamDoubt:
     """
     See the module's docstring.
 
@@ -49,7 +49,7 @@ class Doubts:
         self.stamps, self.lag = StampWatch(), ViewLag(rig)
         self._roster, self._rig_doubt = roster, SpeedDoubt(rig, lanes, config)
 
-    def go_on_from(self, other: Doubts) -> None:
+    def go_on_from(self, other: StreamDoubt) -> None:
         """Take over what another pipeline knows of the stream."""
         self.steadier, self.stamps = other.steadier, other.stamps
 
@@ -74,20 +74,22 @@ class Doubts:
                 track.see_stamps(uneven_s)
         return uneven_s
 
-    def clock_step(self) -> Optional[Gap]:
+    def clock_step(self, gaps: Sequence[Gap]) -> Optional[Gap]:
         """
         Return a gap in which a track shows that the clock was set forward; None if there is none.
 
         A step forward by whole periods shows only in where vehicles are after it.
+
+        :param gaps: the latest gaps of the stream.
         """
         steps = (track.clock_step for track in self._roster.tracks)
-        return next((step for step in steps if step in self.stamps.gaps), None)
+        return next((step for step in steps if step in gaps), None)
 
-    def see_gaps(self) -> None:
-        """Tell the tracks the gaps of the stream."""
-        gaps = tuple(self.stamps.gaps)
-        for track in self._roster.tracks if gaps else ():
-            track.see_gaps(gaps)
+    def see_gaps(self, gaps: Sequence[Gap]) -> None:
+        """Tell the tracks the latest gaps of the stream, if there are any."""
+        if gaps:
+            for track in self._roster.tracks:
+                track.see_gaps(gaps)
 
     def see_drift(self) -> None:
         """Tell the tracks the estimated rotation of the right camera."""
@@ -116,7 +118,7 @@ class Doubts:
 
     def pass_end(self, track: Track, reason: Optional[Reason]) -> PassEnd:
         """
-        Return what measures the pass of an ended track.
+        Return what measures the pass of an ended track, which is told the latest gaps.
 
         :param reason: why the pass is rejected in any case; None to let the measurement decide.
         """
