@@ -27,6 +27,8 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..vision.ncc import ncc
 
+_LOOKS = 3  # after as many a narrow front counts without a height: in the dark none shows
+
 
 class MeasuresWidth(Protocol):
     """Measures the width of a tracked front in a pair."""
@@ -108,7 +110,8 @@ class VehicleSize:
     """
     Keeps some pairs that show one vehicle, and measures its size in them.
 
-    ``edge`` is whether a detected front seems to be only an edge of a vehicle so far.
+    ``may_be_edge`` is whether a detected front may be only an edge of a vehicle, by the pairs so
+    far: it is narrow, and as high as no two-wheeler, or its height is not known yet.
 
     :param rig: the rig.
     :param lane: lane whose path the vehicle's positions refer to.
@@ -126,7 +129,7 @@ class VehicleSize:
         self._marked_std_px, self._fronts, self._search = marked_std_px, fronts, search
         self._views: list[_View] = []
         self._first_px = 0.0  # width of the front in the first pair of the track
-        self.edge, self._looked_m = False, math.inf
+        self.may_be_edge, self._looked_m, self._looks = False, math.inf, 0
 
     def take(self, pair: StereoPair, update: TrackUpdate) -> None:
         """Add a pair that shows the vehicle, with its update."""
@@ -148,11 +151,13 @@ class VehicleSize:
 
         :param range_m: range of the newest view, m.
         """
-        if range_m * self._search.least_range_ratio > self._looked_m \
-                or self._tracked_width_m()[0] >= self.config.edge_width_m:
-            return
-        self._looked_m, found = range_m, self.measured()
-        self.edge = found is not None and is_edge(found, self.config)
+        if self._tracked_width_m()[0] >= self.config.edge_width_m:
+            self.may_be_edge = False
+        elif range_m * self._search.least_range_ratio <= self._looked_m:
+            self._looked_m, self._looks, found = range_m, self._looks + 1, self.measured()
+            self.may_be_edge = found is not None and (
+                is_edge(found, self.config) if found.height_m is not None else
+                found.width_m < self.config.edge_width_m and self._looks < _LOOKS)
 
     def measured(self) -> Optional[VehicleKind]:
         """Return the size and class of the vehicle; None if no pair was added."""

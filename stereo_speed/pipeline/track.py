@@ -46,8 +46,8 @@ class Track:
     :param second: second estimate of the speed; None where it is disabled.
     :param last: its newest update.
     :param confirmed: whether it has ever been confirmed.
-    :param doubted: whether it is doubted: its speed contradicts the detector's, it lies, it is an
-        edge of a vehicle, or it has not moved since it was hidden.
+    :param doubted: whether it is doubted: its speed contradicts the detector's, it lies, it may be
+        an edge of a vehicle, or it has not moved since it was hidden.
     :param hidden: whether its vehicle has been hidden and not been seen moving since.
     :param lag_changes_s: sum of the changes of the time between the views when it began, s.
     :param clock_stepped: whether the clock of the stamps has stepped since it began.
@@ -91,9 +91,9 @@ class Track:
         return self.detection is not None and self.upright.lies
 
     @property
-    def is_edge(self) -> bool:
-        """Return whether a detected front seems to be only an edge of a vehicle."""
-        return self.detection is not None and self.size.edge
+    def may_be_edge(self) -> bool:
+        """Return whether a detected front may be only an edge of a vehicle."""
+        return self.detection is not None and self.size.may_be_edge
 
     @property
     def ended(self) -> bool:
