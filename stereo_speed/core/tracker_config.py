@@ -21,7 +21,7 @@ class NoiseConfig(CheckedRecord):
         0.0125, 0.0, 1.0, 'px', 'systematic error of the left-right match of one observation, '
         'which averaging over samples does not reduce')
     match_floor_pairs: float = parameter(
-        1.0, 0.0, 1e6, 'pairs', 'weight of match_floor_px as prior knowledge, in observations, '
+        3.0, 0.0, 1e6, 'pairs', 'weight of match_floor_px as prior knowledge, in observations, '
         'against the scatter of disparities that the pass shows')
     scatter_levels: int = parameter(
         5, 1, 10, '', 'number of scatters of disparities that are weighed by their evidence in '
