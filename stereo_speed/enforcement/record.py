@@ -197,8 +197,8 @@ def _profile_row(pair: TracePair, result: PassResult) -> dict[str, Any]:
 
 def _vehicle(case: Violation, setting: Setting, shown: Shown) -> dict[str, Any]:
     last = shown[-1][1]
-    focal = setting.place.rig.left.K[[0, 1], [0, 1]]
-    size_m = np.ptp(last.quad_left_px, axis=0) * float(last.position_m[2]) / focal
+    size_m = np.ptp(last.quad_left_px, axis=0) * setting.place.rig.left.metres_per_px(
+        float(last.position_m[2]))
     others = sorted({o.track for pair in case.trace.pairs for o in pair.others})
     kind = case.result.vehicle
     return {'class': None if kind is None else str(kind.name),

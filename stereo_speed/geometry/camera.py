@@ -145,6 +145,10 @@ class Camera:
             valid &= np.hypot(xy[..., 0], xy[..., 1]) <= self.lens.limit
         return uv_px, valid
 
+    def metres_per_px(self, depth_m: float) -> Array:
+        """Return the size (2,) of a pixel across and down at a depth, m, without distortion."""
+        return np.asarray(depth_m / self.K[[0, 1], [0, 1]])
+
     def holds(self, uv_px: Array) -> bool:
         """Return whether all pixels (..., 2) lie in the image."""
         return bool(self.inside(uv_px).all())

@@ -18,6 +18,8 @@ class Endings:
     """
     See the module's docstring.
 
+    ``concluding`` are the numbers of the tracks whose passes are being measured.
+
     :param roster: the tracks; those that end leave it.
     :param open_work: tracks that are solved for beside the pairs end after their turn.
     :param doubt: what is uncertain of the stream.
@@ -28,12 +30,7 @@ class Endings:
                  conclusions: Conclusions) -> None:
         self._roster, self._open, self._doubt = roster, open_work, doubt
         self._conclusions = conclusions
-        self._concluding: set[int] = set()
-
-    @property
-    def concluding(self) -> set[int]:
-        """Return the numbers of the tracks whose passes are being measured."""
-        return self._concluding
+        self.concluding: set[int] = set()
 
     def done(self, *, everything: bool) -> list[PassResult]:
         """
@@ -42,7 +39,7 @@ class Endings:
         :param everything: whether to wait for all passes that are over.
         """
         passes = self._conclusions.done(everything=everything)
-        self._concluding.difference_update(result.track for result in passes)
+        self.concluding.difference_update(result.track for result in passes)
         return passes
 
     def collect(self, *, everything: bool) -> None:
@@ -82,8 +79,8 @@ class Endings:
         """
         measure = self._doubt.pass_end(track, reason)
         track.restart_pairs = None  # otherwise the pass process would be sent these images
-        self._concluding.add(track.tracker.track)
-        self._conclusions.add(measure, partial(self._concluding.discard, track.tracker.track))
+        self.concluding.add(track.tracker.track)
+        self._conclusions.add(measure, partial(self.concluding.discard, track.tracker.track))
 
     def fail(self, errors: Sequence[Exception]) -> None:
         """Have errors raised where results are collected, as those of passes are."""

@@ -54,10 +54,9 @@ def _silhouette_m(last: TrackUpdate, at_m: Array, rig: StereoRig) -> Array:
     :param at_m: (3,) the middle of its front now.
     :return: points in the left optical frame, m.
     """
-    metres_per_px = float(last.position_m[2]) / rig.left.K[[0, 1], [0, 1]]
     quad = last.quad_left_px
-    width_m = metres_per_px[0] * float(np.linalg.norm(quad[2] - quad[3]))
-    height_m = metres_per_px[1] * float(np.linalg.norm(quad[0] - quad[3]))
+    width_m, height_m = rig.left.metres_per_px(float(last.position_m[2])) * np.linalg.norm(
+        quad[[2, 0]] - quad[3], axis=1)
     across, up = last.axes[:, 1] * width_m / 2, last.axes[:, 2]
     low = at_m - up * height_m / 2
     high = low + up * max(height_m, _LEAST_HEIGHT_M)

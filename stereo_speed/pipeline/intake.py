@@ -52,8 +52,7 @@ class Intake:
             return None
         track.hidden = not holds(update) or (
             track.hidden and not self._moves(self._as_sure(update)))
-        track.doubted = track.lies or track.may_be_edge or self._is_doubtful(
-            track, update)
+        track.doubted = track.lies or track.size.may_be_edge or self._is_doubtful(track, update)
         if track.doubted or self._is_behind_another(update, pair):
             update = update.unconfirmed()
         track.confirmed |= update.state is TrackState.CONFIRMED

@@ -156,11 +156,11 @@ class VehicleSearch:
 
     def _region(self, update: TrackUpdate) -> TrackedRegion:
         """Return the region that a track holds by its update."""
-        across, up = np.ptp(update.quad_left_px, axis=0)
-        scale = float(update.position_m[2]) / self.rig.left.K[[0, 1], [0, 1]]
+        width_m, height_m = np.ptp(update.quad_left_px, axis=0) * self.rig.left.metres_per_px(
+            float(update.position_m[2]))
         return TrackedRegion(
             lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
-            width_m=float(across * scale[0]), height_m=float(up * scale[1]),
+            width_m=float(width_m), height_m=float(height_m),
             left_px=update.quad_left_px, right_px=update.quad_right_px)
 
 

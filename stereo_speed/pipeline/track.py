@@ -91,11 +91,6 @@ class Track:
         return self.detection is not None and self.upright.lies
 
     @property
-    def may_be_edge(self) -> bool:
-        """Return whether a detected front may be only an edge of a vehicle."""
-        return self.detection is not None and self.size.may_be_edge
-
-    @property
     def ended(self) -> bool:
         """Return whether its pass is known to be over."""
         return self.turn is None and self.tracker.ended

@@ -58,6 +58,10 @@ def test_hand_worked():
     assert valid
 
 
+def test_size_of_a_pixel_grows_with_the_depth():
+    np.testing.assert_allclose(make('plumb_bob', []).metres_per_px(30.0), [0.02, 30 / 1490])
+
+
 def test_behind_and_outside():
     """Points behind are NaN and invalid; points outside the image keep their pixel, invalid."""
     uv, valid = make('plumb_bob', []).project(
