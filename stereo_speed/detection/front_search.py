@@ -19,11 +19,11 @@ from .front_refiner import AS_SHARP, FrontKind, FrontRefiner
 from .front_sampler import FrontHypothesis, FrontSampler, GRID_M
 from .lamps import Look, uncut_heights
 from .lane_geometry import LaneGeometry, well_inside
-from .outline import going_width, moving_outline
+from .outline import going_extent, moving_outline
 from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
-from .spacing import Held, Place, Spacing
+from .spacing import Beside, Held, Lengths, Place, Spacing
 from .temporal_match import (
     find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
@@ -221,11 +221,12 @@ class FrontSearch:
                 continue
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
-            if half_m > 0 and self._is_part(front, motion, refiner, interval, moment.noise):
-                return None  # final, as another pair may not show the wider front
             if half_m > 0:
-                return FoundFront(lane, replace(front, half_m=half_m), motion, place,
-                                  refiner.sampler, before, refiner.sampler.heights_m[[0, -1]])
+                found = FoundFront(lane, replace(front, half_m=half_m), motion, place,
+                                   refiner.sampler, before, refiner.sampler.heights_m[[0, -1]])
+                # Final, as another pair may not show the wider front.
+                return None if self._is_part(
+                    found, front, refiner, interval, moment.noise, others) else found
         return None
 
     def _is_at_side(self, lane: str, place: Place, others: Held) -> bool:
@@ -260,16 +261,28 @@ class FrontSearch:
         return (stands >= limits.least_cross_ncc
                 and 1 - lies > limits.upright_factor * max(1 - stands, _LEAST_DOUBT))
 
-    def _is_part(self, front: FrontHypothesis, motion: Motion, refiner: FrontRefiner,
-                 interval: Interval, noise: float) -> bool:
-        """Return whether a narrow front is part of a wider one that moves with it."""
+    def _is_part(self, found: FoundFront, front: FrontHypothesis, refiner: FrontRefiner,
+                 interval: Interval, noise: float, others: Held) -> bool:
+        """
+        Return whether a narrow front is part of a wider one that moves with it.
+
+        :param found: the front, as wide as what moves.
+        :param front: the same, as wide as it looks.
+        """
         kind, limits = refiner.kind, self.config
         if kind.narrow_m is None:
             return False
         aslant = refiner.sampler.geometry.aslant(front.s_m, front.x_m)
         most_m = kind.narrow_m + limits.front.narrow_length_m * abs(aslant) + _BLUR_M
-        return going_width(refiner.sampler, front, motion, interval, noise,
-                           limits.motion) > most_m
+        extent = going_extent(
+            refiner.sampler, front, found.motion, interval, noise, limits.motion)
+        if extent.width_m <= most_m:
+            return False
+        sizes = limits.front
+        lengths = Lengths(sizes.narrow_behind_car_m, sizes.narrow_behind_m,
+                          sizes.narrow_car_width_m / 2)
+        return not others.stands_alone(
+            found.lane, found.place, Beside(extent, most_m, lengths))
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
         middle = self._middles(lane, np.array([s_m]), np.array([x_m]))[0]

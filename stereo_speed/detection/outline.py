@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +61,31 @@ def moving_outline(sampler: FrontSampler, x_m: float, s_m: float, most_m: float,
     return x_m + (left + right) / 2 * GRID_M, (right - left) / 2 * GRID_M
 
 
-def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
-                interval: Interval, noise: float, config: MotionConfig) -> float:
+class Extent(NamedTuple):
     """
-    Return the width of everything that moves with a front and is not its shadow, m.
+    How far everything that moves with a front extends, m to the left of the front's middle.
+
+    :param right_m: its right end.
+    :param left_m: its left end.
+    :param near_right_m: right end of the part that nothing static separates from the front.
+    :param near_left_m: left end of that part.
+    """
+
+    right_m: float
+    left_m: float
+    near_right_m: float
+    near_left_m: float
+
+    @property
+    def width_m(self) -> float:
+        """Return the whole width, m."""
+        return self.left_m - self.right_m
+
+
+def going_extent(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
+                 interval: Interval, noise: float, config: MotionConfig) -> Extent:
+    """
+    Return how far everything extends that moves with a front and is not its shadow.
 
     Hidden columns beside it are included, as they may move with it: adjacent columns that show
     neither the front nor the background, such as where a pole stands in front, now or in the
@@ -76,6 +97,7 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     :param interval: the pair and the earlier one.
     :param noise: 1-sigma of a grey value.
     :param config: parameters.
+    :return: the extent, without any width where nothing moves.
     """
     half = round(_BESIDE_M / GRID_M)
     s, x = np.array([front.s_m]), np.array([front.x_m])
@@ -97,7 +119,7 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     goes = (has_changed & (changed > _MORE * left_over)
             & has_changed_there & (here.standing < _MORE * np.maximum(here.lain, allowed)))
     if not goes.any():
-        return 0.0
+        return Extent(0.0, 0.0, 0.0, 0.0)
     # If one view is out of focus, even static background differs between the views in both pairs.
     unlike = max(min(here.unlike(~has_changed), there.unlike(~has_changed_there)), 1.0)
     here, there = (replace(window, allowed=unlike * window.allowed) for window in (here, there))
@@ -108,7 +130,8 @@ def going_width(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     from_, to = _reached(goes | ~(here.shows_behind & stays), middle)
     first = from_ if from_ < first - max(here.unseen, 0) else first
     last = to if to > last + max(-here.unseen, 0) else last
-    return (last - first + 1) * GRID_M
+    return Extent(*(GRID_M * (column - half + end) for column, end in (
+        (first, -0.5), (last, 0.5), (max(first, from_), -0.5), (min(last, to), 0.5))))
 
 
 @dataclass(frozen=True, eq=False)

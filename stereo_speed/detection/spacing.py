@@ -1,17 +1,30 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decides whether two fronts are too close to each other to be two vehicles."""
+"""
+Decides what fronts near to each other have to do with each other.
+
+Two fronts may be too close to each other to be two vehicles.  What moves beside a narrow front may
+be the rest of its own vehicle, or another vehicle before or behind it.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Iterable, Mapping, Optional, Sequence
+from typing import Iterable, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from .config import SpacingConfig
+from .outline import Extent
 from .protocol import TrackedRegion
 from ..core.records import Array
 from ..road.lanes import LanePath
+
+# How far behind a narrow front a vehicle may be seen beside it: nearer ones may be what it is part
+# of, and those farther away are seen above it.
+_BEHIND_M = 3.0, 15.0
+_CLEAR_M = 1.0  # least distance of its middle from the side of a vehicle in the next lane
+_OWN_M = 0.25  # how far what moves may extend beyond the edge of the front that it belongs to
+_BESIDE_M = 0.3  # how much wider than its front a vehicle may be, by its mirrors
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +45,49 @@ class Place:
     frames: dict[str, Array] = field(default_factory=dict, repr=False)
 
 
+class Lengths(NamedTuple):
+    """
+    Assumed lengths of vehicles, by the width of their fronts.
+
+    :param car_m: length of a car, m.
+    :param long_m: length of a wider vehicle, which may be a lorry, m.
+    :param car_half_m: half width from which on a front may be that of a lorry, m.
+    """
+
+    car_m: float
+    long_m: float
+    car_half_m: float
+
+
+class Beside(NamedTuple):
+    """
+    What moves with a narrow front beside it.
+
+    :param extent: how far it extends.
+    :param most_m: greatest width of what is not part of something wider, m.
+    :param lengths: lengths of the vehicles that may be beside it in the image.
+    """
+
+    extent: Extent
+    most_m: float
+    lengths: Lengths
+
+
 @dataclass(frozen=True, eq=False)
 class Question:
     """
     A question about the places that tracks hold, with its answer.
 
-    The question is whether a front is too near to one of these places or, where ``side_m`` is
-    given, whether it is at the side of one of them.
+    The question is whether a front is too near to one of these places; where ``side_m`` is given,
+    whether it is at the side of one of them; where ``beside`` is given, whether it stands alone.
 
     :param lane: lane of the front.
     :param one: place of the front.
     :param answer: the answer.
     :param speed_mps: speed of the front, m/s; 0 where it is not known.
     :param side_m: least half width of the places that count, greatest distance behind them, and
-        greatest distance from their side, m; None for the question of distance.
+        greatest distance from their side, m; None for other questions.
+    :param beside: what moves with the front; None for other questions.
     """
 
     lane: str
@@ -53,6 +95,7 @@ class Question:
     answer: bool = False
     speed_mps: float = 0.0
     side_m: Optional[tuple[float, float, float]] = None
+    beside: Optional[Beside] = None
 
 
 class Spacing:
@@ -104,14 +147,61 @@ class Spacing:
         :param side_m: greatest distance from the side, across the lane, m.
         """
         for other in others:
-            along_m, across_m, _ = self._apart(lane, one, other)
-            ahead = self._ahead(lane, other)
+            ahead, across_m = self._ahead(lane, other), self._apart(lane, one, other)[1]
             if other.lane and ahead @ self._ahead(other.lane, other) < 0:
                 continue
-            beyond_m = along_m if ahead @ other.centre_m > 0 else -along_m
-            if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
+            if 0 < self._beyond_m(lane, one, other) < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
+
+    def stands_alone(self, lane: str, one: Place, beside: Beside, others: Iterable[Place]) -> bool:
+        """
+        Return whether what moves beside a narrow front is other vehicles behind it.
+
+        Their speeds may be nearly the same, and far away their ranges look the same.  Only what
+        something static separates from the edge of the front counts, and only vehicles in the
+        lanes beside it: one in its own lane may be behind the vehicle that it is part of.
+
+        :param lane: lane of the front.
+        :param one: place of the front.
+        :param beside: what moves with the front.
+        :param others: places of the ends of vehicles that face the cameras.
+        """
+        right_m, left_m, near_right_m, near_left_m = beside.extent
+        edge_m = one.half_m + _OWN_M
+        for other in others:
+            _, across_m, _ = np.abs(self._apart(lane, one, other))
+            behind_m = -self._beyond_m(lane, one, other)
+            if not _BEHIND_M[0] < behind_m < _BEHIND_M[1] or across_m < other.half_m + _CLEAR_M:
+                continue
+            from_m, to_m = self._covered(lane, one, other, beside.lengths)
+            if from_m <= right_m and near_right_m > -edge_m:
+                right_m = max(right_m, min(to_m, near_right_m))
+            if to_m >= left_m and near_left_m < edge_m:
+                left_m = min(left_m, max(from_m, near_left_m))
+        return left_m - right_m <= beside.most_m
+
+    def _beyond_m(self, lane: str, one: Place, other: Place) -> float:
+        """Return how much farther from the cameras a place is than another, along the lane, m."""
+        along_m = float(self._apart(lane, one, other)[0])
+        return along_m if self._ahead(lane, other) @ other.centre_m > 0 else -along_m
+
+    def _covered(self, lane: str, one: Place, other: Place, lengths: Lengths
+                 ) -> tuple[float, float]:
+        """
+        Return where the left camera sees a vehicle behind a front on the plane of the front.
+
+        :return: its right and its left end, m to the left of the front's middle.
+        """
+        ahead, across, _ = self._frame(lane, one).T
+        own, beside = self._frame(lane, other)[:, :2].T
+        back = own if own @ other.centre_m > 0 else -own  # away from the cameras
+        long_m = lengths.car_m if other.half_m < lengths.car_half_m else lengths.long_m
+        corners = np.array([other.centre_m + side * other.half_m * beside + far_m * back
+                            for side in (-1, 1) for far_m in (0.0, long_m)])
+        ranges = corners @ ahead / (one.centre_m @ ahead)  # relative to the plane
+        at = (corners / ranges[:, None] - one.centre_m) @ across
+        return float(at.min()) - _BESIDE_M, float(at.max()) + _BESIDE_M
 
     def _ahead(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) of a lane at a place."""
@@ -135,6 +225,8 @@ class Spacing:
 
     def answer(self, question: Question, places: Iterable[Place]) -> bool:
         """Return the answer to a question for given places."""
+        if question.beside is not None:
+            return self.stands_alone(question.lane, question.one, question.beside, places)
         if question.side_m is None:
             return self.meet(question.lane, question.one, places, question.speed_mps)
         least_half_m, behind_m, side_m = question.side_m
@@ -184,6 +276,14 @@ class Held:
         :param least_half_m: least half width of the places that count, m.
         """
         return self._ask(Question(lane, one, side_m=(least_half_m, behind_m, side_m)))
+
+    def stands_alone(self, lane: str, one: Place, beside: Beside) -> bool:
+        """
+        Return whether what moves beside a front is these vehicles.
+
+        See :meth:`Spacing.stands_alone`.
+        """
+        return self._ask(Question(lane, one, beside=beside))
 
     def _ask(self, question: Question) -> bool:
         answer = self._spacing.answer(question, self._tracked)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from stereo_speed.detection.config import DetectorConfig, FrontConfig, SpacingConfig
 from stereo_speed.detection.detector import PlaneSweepDetector
+from stereo_speed.detection.outline import Extent
 from stereo_speed.detection.protocol import TrackedRegion
-from stereo_speed.detection.spacing import Place, Spacing
+from stereo_speed.detection.spacing import Beside, Held, Lengths, Place, Spacing
 from stereo_speed.road.lanes import LanePath
 from stereo_speed.road.path import StraightPath
 
@@ -109,6 +110,67 @@ def test_oncoming_object_is_no_part_of_a_vehicle(lane, at_side):
     rider = Place(np.array([0.2, 2.0, 40.0]), 0.35)
     assert Spacing(lanes, SpacingConfig()).is_at_side(
         'own', rider, [lorry], 18.0, 0.5) is at_side
+
+
+@pytest.mark.parametrize('behind_m', [4.0, 6.0, 8.0])
+def test_two_wheeler_before_a_vehicle_in_the_next_lane_is_found(behind_m):
+    """Both move alike, so that only the track of the other vehicle tells them apart."""
+    def found(*, tracked):
+        detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
+        for k in range(2):
+            s_m = 20.0 + k * STEP_M
+            other = Front(s_m - behind_m, x_m=3.0, light=1.3)
+            out = detector.update(pair_of([other, Front(s_m, half_m=0.35)], k),
+                                  [held(1.8, other.s_m, other.x_m)] if tracked else [])
+        return out
+    assert not found(tracked=False)
+    (one,) = found(tracked=True)
+    assert one.s_m == pytest.approx(20.0 + STEP_M, abs=1.0)
+    assert one.lateral_m == pytest.approx(0, abs=0.2)
+
+
+OVER_LANES = LanePath('lane', StraightPath(
+    np.array([0.0, 2.0, 90.0]), np.array([0.0, 0.0, -1.0]), 80.0, np.array([0.0, -1.0, 0.0])),
+    None, np.zeros(2), 0.0)
+
+
+def beside(near_left_m=0.35, most_m=1.7):
+    """Return what moves with a front 0.7 m wide; it extends 2.32 m to its left."""
+    return Beside(Extent(-0.35, 2.32, -0.35, near_left_m), most_m, Lengths(6.0, 18.0, 0.975))
+
+
+@pytest.mark.parametrize(('x_m', 'z_m', 'half_m', 'near_left_m', 'width_m'), [
+    (4.0, 40.0, 1.0, 0.35, 1.60),  # 18 m long; its near corner at the rear is at 3 * 30 / 58 m
+    (4.0, 40.0, 0.9, 0.35, 2.07),  # 6 m long: 3.1 * 30 / 46 m
+    (4.0, 24.0, 0.9, 0.35, 2.67),  # nearer
+    (4.0, 40.0, 1.0, 0.70, 2.67),  # nothing static beside the front
+    (4.0, 32.0, 0.9, 0.35, 2.67),  # side by side
+    (1.8, 40.0, 0.9, 0.35, 2.67),  # in the lane of the front
+    (4.0, 46.0, 1.0, 0.35, 2.67)])  # so far behind that it is seen above the front
+def test_vehicles_in_the_next_lane_are_no_part_of_a_narrow_front(
+        x_m, z_m, half_m, near_left_m, width_m):
+    """
+    By hand, for a front 30 m away.
+
+    A vehicle behind it counts with its mirrors, 0.3 m on either side.
+    """
+    spacing = Spacing({'lane': OVER_LANES}, SpacingConfig())
+    front, other = (Place(np.array([x, 2.0, z]), half, 'lane')
+                    for x, z, half in ((0.0, 30.0, 0.35), (x_m, z_m, half_m)))
+    assert [spacing.stands_alone('lane', front, beside(near_left_m, width_m + more_m), [other])
+            for more_m in (-0.01, 0.01)] == [False, True]
+
+
+def test_other_tracks_agree_if_they_leave_a_narrow_front_alone():
+    spacing = Spacing({'lane': OVER_LANES}, SpacingConfig())
+    front = Place(np.array([0.0, 2.0, 30.0]), 0.35, 'lane')
+    van, later = (Place(np.array([4.0, 2.0, z]), 1.0, 'lane') for z in (40.0, 39.5))
+    asked = Held(spacing, [van])
+    assert asked.stands_alone('lane', front, beside())
+    assert spacing.agree(asked.asked, [later]) and not spacing.agree(asked.asked, [])
+    found = Held(spacing, [])
+    found.add(van)
+    assert found.stands_alone('lane', front, beside())
 
 
 def test_length_of_a_two_wheeler_may_widen_its_image():

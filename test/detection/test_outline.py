@@ -12,7 +12,7 @@ import pytest
 from stereo_speed.detection.config import MotionConfig
 from stereo_speed.detection.front_sampler import FrontHypothesis, FrontSampler
 from stereo_speed.detection.lane_geometry import LaneGeometry
-from stereo_speed.detection.outline import going_width, moving_outline
+from stereo_speed.detection.outline import going_extent, moving_outline
 from stereo_speed.detection.pyramid import Pyramid
 from stereo_speed.detection.temporal_match import find_motion, Interval
 
@@ -61,7 +61,7 @@ def test_darker_pairs_have_the_same_outline():
 def width_of(interval, x_m=0.0, half_m=0.35):
     front = FrontHypothesis(S_M, x_m, half_m)
     motion = find_motion(SAMPLER, front, interval, MotionConfig())
-    return going_width(SAMPLER, front, motion, interval, 1.0, MotionConfig())
+    return going_extent(SAMPLER, front, motion, interval, 1.0, MotionConfig()).width_m
 
 
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])
