@@ -150,7 +150,8 @@ class Spacing:
             ahead, across_m = self._ahead(lane, other), self._apart(lane, one, other)[1]
             if other.lane and ahead @ self._ahead(other.lane, other) < 0:
                 continue
-            if 0 < self._beyond_m(lane, one, other) < behind_m and abs(abs(across_m) - other.half_m) < side_m:
+            beyond_m = self._beyond_m(lane, one, other)
+            if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
 
@@ -170,7 +171,7 @@ class Spacing:
         right_m, left_m, near_right_m, near_left_m = beside.extent
         edge_m = one.half_m + _OWN_M
         for other in others:
-            _, across_m, _ = np.abs(self._apart(lane, one, other))
+            across_m = abs(self._apart(lane, one, other)[1])
             behind_m = -self._beyond_m(lane, one, other)
             if not _BEHIND_M[0] < behind_m < _BEHIND_M[1] or across_m < other.half_m + _CLEAR_M:
                 continue
