@@ -23,7 +23,7 @@ from .outline import going_extent, moving_outline
 from .plane_sweep import Proposal
 from .protocol import Detection, EarlierFront
 from .pyramid import PairPyramids
-from .spacing import Beside, Held, Lengths, Place, Spacing
+from .spacing import Held, Lengths, MovingBeside, Place, Spacing
 from .temporal_match import (
     find_motion, find_travel, Interval, Motion, moved, moving_half)
 from ..core.records import Array, StereoPair
@@ -35,6 +35,7 @@ _LEAST_DOUBT = 0.005  # least value of 1 - NCC; no two views agree better than t
 # focus; coarser levels of both have less noise.
 _SHARPNESSES = (AS_SHARP, (1, 0), (0, 1), (2, 0), (0, 2)), ((1, 1),)
 _WHOLE_SHARE = 0.85  # share of a front's width below which only part of it is visible
+_OWN_M = 0.25  # by which what moves may extend beyond the edge of the front that it belongs to
 _BLUR_M = 0.15  # by which the width of everything that moves with a front is overestimated
 _NOISE_SHARE = 0.2  # weight of a pair in the running estimate of the noise
 _NOISE_STEP = 8  # spacing of the pixels that the noise is estimated from
@@ -272,17 +273,19 @@ class FrontSearch:
         kind, limits = refiner.kind, self.config
         if kind.narrow_m is None:
             return False
-        aslant = refiner.sampler.geometry.aslant(front.s_m, front.x_m)
-        most_m = kind.narrow_m + limits.front.narrow_length_m * abs(aslant) + _BLUR_M
+        sizes = limits.front
+        # How far its own rider and luggage are seen to the left of it; to the right if negative.
+        aslant_m = sizes.narrow_length_m * refiner.sampler.geometry.aslant(front.s_m, front.x_m)
+        most_m = kind.narrow_m + abs(aslant_m) + _BLUR_M
         extent = going_extent(
             refiner.sampler, front, found.motion, interval, noise, limits.motion)
         if extent.width_m <= most_m:
             return False
-        sizes = limits.front
+        own_m = front.half_m + _OWN_M
         lengths = Lengths(sizes.narrow_behind_car_m, sizes.narrow_behind_m,
                           sizes.narrow_car_width_m / 2)
-        return not others.stands_alone(
-            found.lane, found.place, Beside(extent, most_m, lengths))
+        return not others.stands_alone(found.lane, found.place, MovingBeside(
+            extent, min(aslant_m, 0.0) - own_m, max(aslant_m, 0.0) + own_m, most_m, lengths))
 
     def _place(self, lane: str, s_m: float, x_m: float, half_m: float) -> Place:
         middle = self._middles(lane, np.array([s_m]), np.array([x_m]))[0]

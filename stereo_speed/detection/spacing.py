@@ -4,7 +4,7 @@
 Decides what fronts near to each other have to do with each other.
 
 Two fronts may be too close to each other to be two vehicles.  What moves beside a narrow front may
-be the rest of its own vehicle, or another vehicle before or behind it.
+be the rest of its own vehicle, or another vehicle farther away.
 """
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from .protocol import TrackedRegion
 from ..core.records import Array
 from ..road.lanes import LanePath
 
-# How far behind a narrow front a vehicle may be seen beside it: nearer ones may be what it is part
-# of, and those farther away are seen above it.
-_BEHIND_M = 3.0, 15.0
+# How much farther away than a narrow front a vehicle may be that is seen beside it.  At less, the
+# front may be part of it; at more, cameras a few metres above the road see it above the front.
+_FARTHER_M = 3.0, 15.0
 _CLEAR_M = 1.0  # least distance of its middle from the side of a vehicle in the next lane
-_OWN_M = 0.25  # how far what moves may extend beyond the edge of the front that it belongs to
-_BESIDE_M = 0.3  # how much wider than its front a vehicle may be, by its mirrors
+_MIRROR_M = 0.3  # how much wider than its front a vehicle may be
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +58,21 @@ class Lengths(NamedTuple):
     car_half_m: float
 
 
-class Beside(NamedTuple):
+class MovingBeside(NamedTuple):
     """
-    What moves with a narrow front beside it.
+    What moves with a narrow front.
 
     :param extent: how far it extends.
+    :param own_right_m: how far to the right the front's own vehicle may be seen, m to the left of
+        the front's middle.
+    :param own_left_m: how far to the left.
     :param most_m: greatest width of what is not part of something wider, m.
-    :param lengths: lengths of the vehicles that may be beside it in the image.
+    :param lengths: lengths of the vehicles that may be seen beside it.
     """
 
     extent: Extent
+    own_right_m: float
+    own_left_m: float
     most_m: float
     lengths: Lengths
 
@@ -95,7 +99,7 @@ class Question:
     answer: bool = False
     speed_mps: float = 0.0
     side_m: Optional[tuple[float, float, float]] = None
-    beside: Optional[Beside] = None
+    beside: Optional[MovingBeside] = None
 
 
 class Spacing:
@@ -147,21 +151,24 @@ class Spacing:
         :param side_m: greatest distance from the side, across the lane, m.
         """
         for other in others:
-            ahead, across_m = self._ahead(lane, other), self._apart(lane, one, other)[1]
+            along_m, across_m, _ = self._apart(lane, one, other)
+            ahead = self._ahead(lane, other)
             if other.lane and ahead @ self._ahead(other.lane, other) < 0:
                 continue
-            beyond_m = self._beyond_m(lane, one, other)
+            beyond_m = along_m if ahead @ other.centre_m > 0 else -along_m
             if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
 
-    def stands_alone(self, lane: str, one: Place, beside: Beside, others: Iterable[Place]) -> bool:
+    def stands_alone(self, lane: str, one: Place, beside: MovingBeside,
+                     others: Iterable[Place]) -> bool:
         """
-        Return whether what moves beside a narrow front is other vehicles behind it.
+        Return whether what moves beside a narrow front is vehicles farther from the cameras.
 
         Their speeds may be nearly the same, and far away their ranges look the same.  Only what
         something static separates from the edge of the front counts, and only vehicles in the
-        lanes beside it: one in its own lane may be behind the vehicle that it is part of.
+        lanes beside it that travel in its direction: one in its own lane may be beyond the vehicle
+        that the front is part of.
 
         :param lane: lane of the front.
         :param one: place of the front.
@@ -169,40 +176,51 @@ class Spacing:
         :param others: places of the ends of vehicles that face the cameras.
         """
         right_m, left_m, near_right_m, near_left_m = beside.extent
-        edge_m = one.half_m + _OWN_M
-        for other in others:
-            across_m = abs(self._apart(lane, one, other)[1])
-            behind_m = -self._beyond_m(lane, one, other)
-            if not _BEHIND_M[0] < behind_m < _BEHIND_M[1] or across_m < other.half_m + _CLEAR_M:
-                continue
-            from_m, to_m = self._covered(lane, one, other, beside.lengths)
-            if from_m <= right_m and near_right_m > -edge_m:
-                right_m = max(right_m, min(to_m, near_right_m))
-            if to_m >= left_m and near_left_m < edge_m:
-                left_m = min(left_m, max(from_m, near_left_m))
+        if near_right_m >= near_left_m:
+            return False
+        covered = [self._covered(lane, one, other, beside.lengths) for other in others
+                   if self._is_seen_beside(lane, one, other)]
+        if near_right_m > beside.own_right_m:
+            for from_m, to_m in sorted(covered):
+                if from_m <= right_m:
+                    right_m = max(right_m, min(to_m, near_right_m))
+        if near_left_m < beside.own_left_m:
+            for from_m, to_m in sorted(covered, key=lambda ends: -ends[1]):
+                if to_m >= left_m:
+                    left_m = min(left_m, max(from_m, near_left_m))
         return left_m - right_m <= beside.most_m
 
-    def _beyond_m(self, lane: str, one: Place, other: Place) -> float:
-        """Return how much farther from the cameras a place is than another, along the lane, m."""
-        along_m = float(self._apart(lane, one, other)[0])
-        return along_m if self._ahead(lane, other) @ other.centre_m > 0 else -along_m
+    def _is_seen_beside(self, lane: str, one: Place, other: Place) -> bool:
+        """Return whether a vehicle in a next lane may be seen beside a front nearer than it."""
+        ahead = self._ahead(lane, one)
+        if other.lane and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0:
+            return False
+        path = self.lanes[lane].path
+        along_m, across_m = np.zeros(2), np.zeros(2)  # by the path, as it may bend between them
+        for k, place in enumerate((one, other)):
+            s = path.arc_length(place.centre_m)
+            along_m[k] = float(s)
+            across_m[k] = self._frame(lane, place)[:, 1] @ (place.centre_m - path.position(s))
+        farther_m = float(np.diff(along_m)[0]) * (1 if ahead @ one.centre_m > 0 else -1)
+        return (_FARTHER_M[0] < farther_m < _FARTHER_M[1]
+                and abs(float(np.diff(across_m)[0])) > other.half_m + _CLEAR_M)
 
     def _covered(self, lane: str, one: Place, other: Place, lengths: Lengths
                  ) -> tuple[float, float]:
         """
-        Return where the left camera sees a vehicle behind a front on the plane of the front.
+        Return where the left camera sees a vehicle beyond a front on the plane of the front.
 
         :return: its right and its left end, m to the left of the front's middle.
         """
         ahead, across, _ = self._frame(lane, one).T
-        own, beside = self._frame(lane, other)[:, :2].T
-        back = own if own @ other.centre_m > 0 else -own  # away from the cameras
-        long_m = lengths.car_m if other.half_m < lengths.car_half_m else lengths.long_m
-        corners = np.array([other.centre_m + side * other.half_m * beside + far_m * back
-                            for side in (-1, 1) for far_m in (0.0, long_m)])
+        own, left = self._frame(lane, other)[:, :2].T
+        away = own if own @ other.centre_m > 0 else -own  # from the cameras
+        length_m = lengths.car_m if other.half_m < lengths.car_half_m else lengths.long_m
+        corners = np.array([other.centre_m + side * other.half_m * left + far_m * away
+                            for side in (-1, 1) for far_m in (0.0, length_m)])
         ranges = corners @ ahead / (one.centre_m @ ahead)  # relative to the plane
         at = (corners / ranges[:, None] - one.centre_m) @ across
-        return float(at.min()) - _BESIDE_M, float(at.max()) + _BESIDE_M
+        return float(at.min()) - _MIRROR_M, float(at.max()) + _MIRROR_M
 
     def _ahead(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) of a lane at a place."""
@@ -278,13 +296,15 @@ class Held:
         """
         return self._ask(Question(lane, one, side_m=(least_half_m, behind_m, side_m)))
 
-    def stands_alone(self, lane: str, one: Place, beside: Beside) -> bool:
+    def stands_alone(self, lane: str, one: Place, beside: MovingBeside) -> bool:
         """
-        Return whether what moves beside a front is these vehicles.
+        Return whether what moves beside a front is tracked vehicles.
 
-        See :meth:`Spacing.stands_alone`.
+        See :meth:`Spacing.stands_alone`.  Fronts found since do not count.
         """
-        return self._ask(Question(lane, one, beside=beside))
+        answer = self._spacing.stands_alone(lane, one, beside, self._tracked)
+        self.asked.append(Question(lane, one, answer, beside=beside))
+        return answer
 
     def _ask(self, question: Question) -> bool:
         answer = self._spacing.answer(question, self._tracked)

@@ -10,9 +10,9 @@ from stereo_speed.detection.config import DetectorConfig, FrontConfig, SpacingCo
 from stereo_speed.detection.detector import PlaneSweepDetector
 from stereo_speed.detection.outline import Extent
 from stereo_speed.detection.protocol import TrackedRegion
-from stereo_speed.detection.spacing import Beside, Held, Lengths, Place, Spacing
+from stereo_speed.detection.spacing import Held, Lengths, MovingBeside, Place, Spacing
 from stereo_speed.road.lanes import LanePath
-from stereo_speed.road.path import StraightPath
+from stereo_speed.road.path import SplinePath, StraightPath
 
 STEP_M = SPEED_MPS * STEP_NS * 1e-9
 
@@ -129,48 +129,90 @@ def test_two_wheeler_before_a_vehicle_in_the_next_lane_is_found(behind_m):
     assert one.lateral_m == pytest.approx(0, abs=0.2)
 
 
-OVER_LANES = LanePath('lane', StraightPath(
-    np.array([0.0, 2.0, 90.0]), np.array([0.0, 0.0, -1.0]), 80.0, np.array([0.0, -1.0, 0.0])),
-    None, np.zeros(2), 0.0)
+def lane_of(sense):
+    """Return a lane along z; a sense of -1 leads towards the cameras."""
+    return LanePath('lane', StraightPath(
+        np.array([0.0, 2.0, 50.0 - 40 * sense]), np.array([0.0, 0.0, sense]), 80.0,
+        np.array([0.0, -1.0, 0.0])), None, np.zeros(2), 0.0)
 
 
-def beside(near_left_m=0.35, most_m=1.7):
-    """Return what moves with a front 0.7 m wide; it extends 2.32 m to its left."""
-    return Beside(Extent(-0.35, 2.32, -0.35, near_left_m), most_m, Lengths(6.0, 18.0, 0.975))
+def beside(near_m=0.35, most_m=1.7, left=True):
+    """Return what moves with a front 0.7 m wide: it extends 2.32 m to one side of its middle."""
+    ends = -0.35, 2.32, -0.35, near_m
+    ends = ends if left else (-ends[1], -ends[0], -ends[3], -ends[2])
+    return MovingBeside(Extent(*ends), -0.6, 0.6, most_m, Lengths(6.0, 18.0, 0.975))
 
 
-@pytest.mark.parametrize(('x_m', 'z_m', 'half_m', 'near_left_m', 'width_m'), [
-    (4.0, 40.0, 1.0, 0.35, 1.60),  # 18 m long; its near corner at the rear is at 3 * 30 / 58 m
-    (4.0, 40.0, 0.9, 0.35, 2.07),  # 6 m long: 3.1 * 30 / 46 m
-    (4.0, 24.0, 0.9, 0.35, 2.67),  # nearer
-    (4.0, 40.0, 1.0, 0.70, 2.67),  # nothing static beside the front
-    (4.0, 32.0, 0.9, 0.35, 2.67),  # side by side
-    (1.8, 40.0, 0.9, 0.35, 2.67),  # in the lane of the front
-    (4.0, 46.0, 1.0, 0.35, 2.67)])  # so far behind that it is seen above the front
+@pytest.mark.parametrize('sense', [-1.0, 1.0], ids=['approaching', 'receding'])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize(('others', 'near_m', 'width_m'), [
+    ([(4.0, 40.0, 1.0)], 0.35, 1.60),  # 18 m long; its rear is at 3 * 30 / 58 m
+    ([(4.0, 40.0, 0.9)], 0.35, 2.07),  # 6 m long: 3.1 * 30 / 46 m
+    ([(4.0, 40.0, 1.0)], 0.55, 1.60),  # a little beyond the edge of the front
+    ([(4.0, 40.0, 1.0)], 0.70, 2.67),  # nothing static at its edge
+    ([(2.1, 44.0, 1.0)], 0.35, 0.70),  # covers the middle of the front too
+    ([(2.1, 44.0, 1.0)], 0.55, 0.90),
+    ([(4.2, 34.5, 0.9), (2.2, 44.9, 0.8)], 0.35, 0.875),  # 1.4 * 30 / 50.9 m, by both
+    ([(2.2, 44.9, 0.8), (4.2, 34.5, 0.9)], 0.35, 0.875),
+    ([(4.0, 24.0, 0.9)], 0.35, 2.67),  # nearer
+    ([(4.0, 32.0, 0.9)], 0.35, 2.67),  # side by side
+    ([(1.8, 40.0, 0.9)], 0.35, 2.67),  # in the lane of the front
+    ([(4.0, 46.0, 1.0)], 0.35, 2.67)])  # so far beyond it that it is seen above it
 def test_vehicles_in_the_next_lane_are_no_part_of_a_narrow_front(
-        x_m, z_m, half_m, near_left_m, width_m):
+        others, near_m, width_m, side, sense):
     """
     By hand, for a front 30 m away.
 
-    A vehicle behind it counts with its mirrors, 0.3 m on either side.
+    A vehicle beyond it counts with its mirrors, 0.3 m on either side.
     """
-    spacing = Spacing({'lane': OVER_LANES}, SpacingConfig())
+    spacing = Spacing({'lane': lane_of(sense)}, SpacingConfig())
+    front = Place(np.array([0.0, 2.0, 30.0]), 0.35, 'lane')
+    places = [Place(np.array([side * x, 2.0, z]), half, 'lane') for x, z, half in others]
+    left = side * sense < 0  # x is to the left of what approaches
+    assert [spacing.stands_alone('lane', front, beside(near_m, width_m + more_m, left), places)
+            for more_m in (-0.02, 0.02)] == [False, True]
+
+
+def test_next_lane_of_a_bend_is_found_by_the_offsets_from_the_path():
+    """On a circle of 50 m radius, 12 m of arc turn by 0.24 rad, and move aside by 1.4 m."""
+    angles = np.linspace(0.0, 1.2, 61)
+    points = np.stack([50.0 * (1 - np.cos(angles)), 2.0 + 0 * angles, 80 - 50.0 * np.sin(angles)],
+                      axis=1)
+    path = SplinePath(points, np.array([0.0, -1.0, 0.0]))
+    spacing = Spacing({'lane': LanePath('lane', path, None, np.zeros(2), 0.0)}, SpacingConfig())
+
+    def place(s_m, x_m, half_m):
+        s = np.array(s_m)
+        return Place(path.position(s) + x_m * path.frame(s)[:, 1], half_m, 'lane')
+    found = [spacing._is_seen_beside('lane', place(40.0, 0.0, 0.35), place(28.0, x_m, 0.9))
+             for x_m in (-3.5, -1.0, 0.0, 1.0, 3.5)]
+    assert found == [True, False, False, False, True]
+
+
+@pytest.mark.parametrize('oncoming', [False, True])
+def test_oncoming_vehicle_does_not_move_alike(oncoming):
+    lanes = {'lane': lane_of(-1.0), 'other': lane_of(1.0 if oncoming else -1.0)}
+    front, other = Place(np.array([0.0, 2.0, 30.0]), 0.35), Place(
+        np.array([4.0, 2.0, 40.0]), 1.0, 'other')
+    assert Spacing(lanes, SpacingConfig()).stands_alone(
+        'lane', front, beside(), [other]) is not oncoming
+
+
+def test_front_of_which_nothing_moves_does_not_stand_alone():
+    spacing = Spacing({'lane': lane_of(-1.0)}, SpacingConfig())
     front, other = (Place(np.array([x, 2.0, z]), half, 'lane')
-                    for x, z, half in ((0.0, 30.0, 0.35), (x_m, z_m, half_m)))
-    assert [spacing.stands_alone('lane', front, beside(near_left_m, width_m + more_m), [other])
-            for more_m in (-0.01, 0.01)] == [False, True]
+                    for x, z, half in ((0.0, 30.0, 0.35), (4.0, 40.0, 1.0)))
+    nothing = beside()._replace(extent=Extent(0.6, 2.32, 0.6, 0.35))
+    assert not spacing.stands_alone('lane', front, nothing, [other])
 
 
 def test_other_tracks_agree_if_they_leave_a_narrow_front_alone():
-    spacing = Spacing({'lane': OVER_LANES}, SpacingConfig())
+    spacing = Spacing({'lane': lane_of(-1.0)}, SpacingConfig())
     front = Place(np.array([0.0, 2.0, 30.0]), 0.35, 'lane')
     van, later = (Place(np.array([4.0, 2.0, z]), 1.0, 'lane') for z in (40.0, 39.5))
     asked = Held(spacing, [van])
     assert asked.stands_alone('lane', front, beside())
     assert spacing.agree(asked.asked, [later]) and not spacing.agree(asked.asked, [])
-    found = Held(spacing, [])
-    found.add(van)
-    assert found.stands_alone('lane', front, beside())
 
 
 def test_length_of_a_two_wheeler_may_widen_its_image():

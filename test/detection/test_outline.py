@@ -64,6 +64,21 @@ def width_of(interval, x_m=0.0, half_m=0.35):
     return going_extent(SAMPLER, front, motion, interval, 1.0, MotionConfig()).width_m
 
 
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_something_static_separates_what_moves_beside_a_front(side):
+    """Two objects of 0.7 m, 0.6 m apart, are one extent; only the first is near."""
+    def at(s_m):
+        return [Front(s_m, half_m=0.35), Front(s_m, x_m=1.3 * side, half_m=0.35)]
+    interval = interval_of(at(S_M), at(S_M - 1.0))
+    front = FrontHypothesis(S_M, 0.0, 0.35)
+    motion = find_motion(SAMPLER, front, interval, MotionConfig())
+    found = going_extent(SAMPLER, front, motion, interval, 1.0, MotionConfig())
+    far_m, near_m = (found.left_m, found.near_left_m) if side > 0 else (
+        -found.right_m, -found.near_right_m)
+    assert far_m == pytest.approx(1.65, abs=4 * GRID_M)
+    assert near_m == pytest.approx(0.35, abs=4 * GRID_M)
+
+
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])
 def test_width_moving_with_a_narrow_front_is_its_own(gone_m):
     """Neither the road nor the part of it that the front has uncovered counts."""
