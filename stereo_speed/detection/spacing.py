@@ -151,11 +151,10 @@ class Spacing:
         :param side_m: greatest distance from the side, across the lane, m.
         """
         for other in others:
-            along_m, across_m, _ = self._apart(lane, one, other)
-            ahead = self._ahead(lane, other)
-            if other.lane and ahead @ self._ahead(other.lane, other) < 0:
+            if self._is_oncoming(lane, other):
                 continue
-            beyond_m = along_m if ahead @ other.centre_m > 0 else -along_m
+            across_m = self._apart(lane, one, other)[1]
+            beyond_m = self._away(lane, other) @ (one.centre_m - other.centre_m)
             if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
@@ -175,35 +174,42 @@ class Spacing:
         :param beside: what moves with the front.
         :param others: places of the ends of vehicles that face the cameras.
         """
-        right_m, left_m, near_right_m, near_left_m = beside.extent
-        if near_right_m >= near_left_m:
+        extent = beside.extent
+        if extent.near_right_m >= extent.near_left_m:
             return False
         covered = [self._covered(lane, one, other, beside.lengths) for other in others
                    if self._is_seen_beside(lane, one, other)]
-        if near_right_m > beside.own_right_m:
-            for from_m, to_m in sorted(covered):
-                if from_m <= right_m:
-                    right_m = max(right_m, min(to_m, near_right_m))
-        if near_left_m < beside.own_left_m:
-            for from_m, to_m in sorted(covered, key=lambda ends: -ends[1]):
-                if to_m >= left_m:
-                    left_m = min(left_m, max(from_m, near_left_m))
+        left_m = _left_end(extent.left_m, extent.near_left_m, beside.own_left_m, covered)
+        right_m = -_left_end(-extent.right_m, -extent.near_right_m, -beside.own_right_m,
+                             [(-to_m, -from_m) for from_m, to_m in covered])
         return left_m - right_m <= beside.most_m
 
     def _is_seen_beside(self, lane: str, one: Place, other: Place) -> bool:
         """Return whether a vehicle in a next lane may be seen beside a front nearer than it."""
-        ahead = self._ahead(lane, one)
-        if other.lane and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0:
+        if self._is_oncoming(lane, other):
             return False
+        # By the path, as it may bend between them.
+        (at_m, x_m), (other_at_m, other_x_m) = (self._on_lane(lane, p) for p in (one, other))
+        sense = 1 if self._ahead(lane, one) @ one.centre_m > 0 else -1
+        return (_FARTHER_M[0] < sense * (other_at_m - at_m) < _FARTHER_M[1]
+                and abs(other_x_m - x_m) > other.half_m + _CLEAR_M)
+
+    def _on_lane(self, lane: str, place: Place) -> tuple[float, float]:
+        """Return the arc length and the offset to the left of a place on the path of a lane, m."""
         path = self.lanes[lane].path
-        along_m, across_m = np.zeros(2), np.zeros(2)  # by the path, as it may bend between them
-        for k, place in enumerate((one, other)):
-            s = path.arc_length(place.centre_m)
-            along_m[k] = float(s)
-            across_m[k] = self._frame(lane, place)[:, 1] @ (place.centre_m - path.position(s))
-        farther_m = float(np.diff(along_m)[0]) * (1 if ahead @ one.centre_m > 0 else -1)
-        return (_FARTHER_M[0] < farther_m < _FARTHER_M[1]
-                and abs(float(np.diff(across_m)[0])) > other.half_m + _CLEAR_M)
+        s = path.arc_length(place.centre_m)
+        return float(s), float(
+            self._frame(lane, place)[:, 1] @ (place.centre_m - path.position(s)))
+
+    def _is_oncoming(self, lane: str, other: Place) -> bool:
+        """Return whether a vehicle is known to travel against the direction of a lane."""
+        return bool(other.lane
+                    and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0)
+
+    def _away(self, lane: str, place: Place) -> Array:
+        """Return the direction (3,) along a lane at a place that leads away from the cameras."""
+        ahead = self._ahead(lane, place)
+        return ahead if ahead @ place.centre_m > 0 else -ahead
 
     def _covered(self, lane: str, one: Place, other: Place, lengths: Lengths
                  ) -> tuple[float, float]:
@@ -213,8 +219,7 @@ class Spacing:
         :return: its right and its left end, m to the left of the front's middle.
         """
         ahead, across, _ = self._frame(lane, one).T
-        own, left = self._frame(lane, other)[:, :2].T
-        away = own if own @ other.centre_m > 0 else -own  # from the cameras
+        left, away = self._frame(lane, other)[:, 1], self._away(lane, other)
         length_m = lengths.car_m if other.half_m < lengths.car_half_m else lengths.long_m
         corners = np.array([other.centre_m + side * other.half_m * left + far_m * away
                             for side in (-1, 1) for far_m in (0.0, length_m)])
@@ -302,11 +307,30 @@ class Held:
 
         See :meth:`Spacing.stands_alone`.  Fronts found since do not count.
         """
-        answer = self._spacing.stands_alone(lane, one, beside, self._tracked)
-        self.asked.append(Question(lane, one, answer, beside=beside))
-        return answer
+        return self._ask_tracks(Question(lane, one, beside=beside))
 
     def _ask(self, question: Question) -> bool:
+        return self._ask_tracks(question) or self._spacing.answer(question, self._found)
+
+    def _ask_tracks(self, question: Question) -> bool:
         answer = self._spacing.answer(question, self._tracked)
         self.asked.append(replace(question, answer=answer))
-        return answer or self._spacing.answer(question, self._found)
+        return answer
+
+
+def _left_end(left_m: float, near_m: float, own_m: float,
+              covered: Sequence[tuple[float, float]]) -> float:
+    """
+    Return the left end of what moves without the vehicles that are seen there.
+
+    :param left_m: left end of all that moves.
+    :param near_m: left end of the part that nothing static separates from the front.
+    :param own_m: how far to the left the front's own vehicle may be seen.
+    :param covered: right and left ends of those vehicles.
+    """
+    if near_m >= own_m:
+        return left_m
+    for from_m, to_m in sorted(covered, key=lambda ends: -ends[1]):
+        if to_m >= left_m:
+            left_m = min(left_m, max(from_m, near_m))
+    return left_m
