@@ -144,9 +144,9 @@ def test_scatters_double_and_the_usual_one_weighs_like_pairs():
 
 def test_scatter_of_rendered_passes_is_not_excluded_beforehand():
     """
-    They scatter by 0.05 to 0.1 px; at a share of 2 % first readings were 4.7 sigma off, at 5 % none
-    of 1,026 by more than 2.1.
+    They scatter by 0.05 to 0.1 px; at a share of 2 % first readings were 4.7 sigma off.
 
+    At 5 % none of 1,026 readings was off by more than 2.1 sigma.
     At 29 % a drawn pass that does not scatter was 4.1 sigma off, as scatter explains everything.
     """
     assert 0.04 < sum(share for more, share in scatters_px(NoiseConfig()) if more > 0.04) < 0.2
