@@ -123,7 +123,10 @@ class SpacingConfig(CheckedRecord):
         'behind another one is the side of the same vehicle')
     across_m: float = parameter(
         1.2, 0.0, 10.0, 'm', 'distance across the lane below which two fronts count as in one '
-        'lane, as do fronts that overlap')
+        'lane, as do fronts that overlap or are less than beside_m apart')
+    beside_m: float = parameter(
+        0.2, 0.0, 2.0, 'm', 'least distance between the fronts of two vehicles beside each other; '
+        'their mirrors are between them')
     least_half_m: float = parameter(
         0.8, 0.0, 3.0, 'm', 'least half width of the place that a track holds')
 

@@ -153,9 +153,8 @@ class Spacing:
         for other in others:
             if self._is_oncoming(lane, other):
                 continue
-            across_m = self._apart(lane, one, other)[1]
-            beyond_m = self._away(lane, other) @ (one.centre_m - other.centre_m)
-            if 0 < beyond_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
+            farther_m, across_m = self._farther(lane, one, other)
+            if 0 < farther_m < behind_m and abs(abs(across_m) - other.half_m) < side_m:
                 return True
         return False
 
@@ -188,11 +187,18 @@ class Spacing:
         """Return whether a vehicle in a next lane may be seen beside a front nearer than it."""
         if self._is_oncoming(lane, other):
             return False
-        # By the path, as it may bend between them.
+        farther_m, across_m = self._farther(lane, other, one)
+        return (_FARTHER_M[0] < farther_m < _FARTHER_M[1]
+                and abs(across_m) > other.half_m + _CLEAR_M)
+
+    def _farther(self, lane: str, one: Place, other: Place) -> tuple[float, float]:
+        """
+        Return how much farther from the cameras one place is than another, and to its left, m.
+
+        Both are by the path of a lane, as it may bend between them.
+        """
         (at_m, x_m), (other_at_m, other_x_m) = (self._on_lane(lane, p) for p in (one, other))
-        sense = 1 if self._ahead(lane, one) @ one.centre_m > 0 else -1
-        return (_FARTHER_M[0] < sense * (other_at_m - at_m) < _FARTHER_M[1]
-                and abs(other_x_m - x_m) > other.half_m + _CLEAR_M)
+        return self._sense(lane, other) * (at_m - other_at_m), x_m - other_x_m
 
     def _on_lane(self, lane: str, place: Place) -> tuple[float, float]:
         """Return the arc length and the offset to the left of a place on the path of a lane, m."""
@@ -208,8 +214,11 @@ class Spacing:
 
     def _away(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) along a lane at a place that leads away from the cameras."""
-        ahead = self._ahead(lane, place)
-        return ahead if ahead @ place.centre_m > 0 else -ahead
+        return self._sense(lane, place) * self._ahead(lane, place)
+
+    def _sense(self, lane: str, place: Place) -> int:
+        """Return 1 if a lane leads away from the cameras at a place, else -1."""
+        return 1 if self._ahead(lane, place) @ place.centre_m > 0 else -1
 
     def _covered(self, lane: str, one: Place, other: Place, lengths: Lengths
                  ) -> tuple[float, float]:
@@ -233,7 +242,7 @@ class Spacing:
 
     def _near(self, lane: str, one: Place, other: Place, along_m: float) -> bool:
         apart = np.abs(self._apart(lane, one, other))
-        across_m = max(one.half_m + other.half_m, self.config.across_m)
+        across_m = max(one.half_m + other.half_m + self.config.beside_m, self.config.across_m)
         return bool(apart[0] < along_m and apart[1] < across_m)
 
     def _apart(self, lane: str, one: Place, other: Place) -> Array:

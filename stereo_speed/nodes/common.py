@@ -26,6 +26,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
+from .ports import abandoned, others_than
 from ..core.config import check_bounds, Record
 from ..core.errors import InputError, StereoSpeedError
 
@@ -219,7 +220,8 @@ def run(make: Callable[[], Node], args: Optional[Sequence[str]] = None,
     node: Optional[Node] = None
     status = 0
     try:
-        node = make()
+        with others_than(abandoned(rclpy.get_default_context().get_domain_id())):
+            node = make()
         getattr(node, 'begin', lambda: None)()
         unknown = unknown_parameters(node)
         if unknown:

@@ -10,9 +10,10 @@ from __future__ import annotations
 import gc
 from importlib import import_module
 import sys
-from typing import Optional, Sequence
+from typing import Optional, Sequence, TYPE_CHECKING
 
-from .helpers import Helpers
+if TYPE_CHECKING:
+    from .helpers import Helpers
 
 
 def start(module: str, class_name: str, args: Optional[Sequence[str]] = None) -> int:
@@ -23,8 +24,9 @@ def start(module: str, class_name: str, args: Optional[Sequence[str]] = None) ->
     :param class_name: name of the class, whose constructor takes ``helpers``.
     :param args: command line; None for that of this process.
     """
-    words, helpers = list(sys.argv[1:] if args is None else args), Helpers()
-    gc.disable()  # garbage collection would take a tenth of the time of the imports
+    words = list(sys.argv[1:] if args is None else args)
+    gc.disable()  # garbage collection would take a fifth of the time of the imports, all below
+    helpers: Helpers = import_module('.helpers', __package__).Helpers()
     try:
         if not {'-h', '--help'} & set(words):
             helpers.fork()

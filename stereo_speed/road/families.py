@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .evidence import best_of, variance_of
-from .fitted import log_chance, RoadFit
+from .fitted import log_any_scale, log_chance, RoadFit
 from .model import RoadShape, VERTICAL_CURVE
 from .problem import RoadProblem
 from .run_off import axes_m, RUN_OFF
@@ -53,11 +53,13 @@ def _with_run_off(fit: RoadFit, variance: float) -> Optional[RoadFit]:
     :param fit: best road without one, as far as is known.
     :param variance: see :meth:`RoadFit.log_evidence`.
     :return: None if the road is straight and plane or has a run-off already, if its picks are no
-        more precise than clicks, which cannot show kinks, or if a run-off promises nothing.
+        more precise than clicks, which cannot show kinks, if it is farther from them than clicks
+        would be, and thus more than kinks are amiss, or if a run-off promises nothing.
     """
     problem, shape = fit.problem, fit.problem.model.shape
-    precise = problem.picks.median_std_px < problem.prior.pick_std_px
-    if shape.run_off or not any(shape) or not precise:
+    precise = problem.picks.are_precise(problem.prior)
+    if shape.run_off or not any(shape) or not precise \
+            or fit.residual_px.max() > problem.prior.pick_std_px:
         return None
     wide = shape._replace(curvature=max(shape.curvature, 1), tilt=2,
                           vertical=max(shape.vertical, 2), run_off=RUN_OFF)
@@ -70,10 +72,15 @@ def _with_run_off(fit: RoadFit, variance: float) -> Optional[RoadFit]:
     for axis_m in axes_m(model.offsets(x)):
         x[model.places.run_off.stop - 1] = axis_m
         near = _Nearby(RoadFit(wider, x.copy(), fit.cost, wander=fit.wander), variance)
-        tries += [(near.promise(one), near, one) for one in shapes]
+        tries.append((near, {one: near.promise(one) for one in shapes}))
         least = near.promise(shape) + _LEAST_GAIN
-    promise, near, one = max(tries, key=lambda known: known[0])
-    return near.fitted(one) if promise > least else None
+    near, promises = max(tries, key=lambda known: max(known[1].values()))
+    better = [one for one in promises if promises[one] > least]
+    if not better:
+        return None
+    # The wider a family, the more often its fit ends beside the best one.
+    return best_of([near.fitted(one) for one in {max(better, key=lambda one: promises[one]),
+                                                 min(better, key=sum)}])
 
 
 def _widened(fits: list[RoadFit], most: int) -> list[RoadFit]:
@@ -155,12 +162,15 @@ class _Nearby:
     def promise(self, shape: RoadShape) -> float:
         """Return the log evidence that a family should have, up to a constant."""
         kept, out, part, slope = self._parts(shape)
-        rest = self.x[out]
-        gain = slope @ np.linalg.solve(part, slope) + rest @ (
+        rest, covariance = self.x[out], np.linalg.inv(part)
+        gain = slope @ covariance @ slope + rest @ (
             2 * self.gradient[out] - self.normal[np.ix_(out, out)] @ rest)
+        changes = self.fit.problem.changes(shape)
+        estimate = self.fit.x[changes] - (covariance @ slope)[changes]
         return (0.5 * float(gain - np.linalg.slogdet(part)[1])
                 - float(np.log(self.std[kept]).sum())
-                + log_chance(shape, self.fit.problem.prior))
+                + log_chance(shape, self.fit.problem.prior)
+                + log_any_scale(estimate, np.diag(covariance)[changes], self.std[changes]))
 
     def fitted(self, shape: RoadShape) -> RoadFit:
         """Fit a family, starting from the road that should be its best one."""

@@ -114,7 +114,7 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
     :param most: largest number of curvature coefficients.
     :param least_half_m: smallest half length of the road, m.
     """
-    if picks.median_std_px < prior.pick_std_px:
+    if picks.are_precise(prior):
         # With precise picks the cost has many local minima; fit with the 1-sigma of clicks first.
         clicks = Picks.of(lines, None, prior.pick_std_px)
         near = _from_guesses(rig, lines, clicks, drift, prior, most, least_half_m)

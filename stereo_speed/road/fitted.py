@@ -17,6 +17,7 @@ from ..geometry.ray_plane import Plane
 ROBUST = 3.3  # residuals, in sigmas, beyond which the soft L1 loss reduces their weight
 FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot is looked up
 _NARROW = 0.7  # lower bound of the robust scatter, as a share of the r.m.s. scatter
+_SCALES = (1.0, 0.1, 0.01)  # of the prior 1-sigmas of changes of the curvature
 _RUN_OFF_COUNTS = 2  # parameters as which a run-off counts in the prior probability of a family
 
 
@@ -116,7 +117,10 @@ class RoadFit:
         fit = -0.5 * (float(residual @ residual) - gain)
         occam = -0.5 * float(np.linalg.slogdet(normal)[1]) - float(
             np.log(self.problem.prior_std).sum())
-        return fit + occam + log_chance(self.problem.model.shape, self.problem.prior)
+        changes = self.problem.changes(self.problem.model.shape)
+        return (fit + occam + log_chance(self.problem.model.shape, self.problem.prior)
+                + log_any_scale(self.x[changes], np.diag(np.linalg.inv(normal))[changes],
+                                self.problem.change_std(changes)))
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
@@ -227,6 +231,25 @@ class RoadFit:
 def least_variance(problem: RoadProblem) -> float:
     """Return the smallest credible variance of the picks, in units of their own."""
     return min((problem.prior.best_pick_std_px / problem.picks.median_std_px)**2, 1.0)
+
+
+def log_any_scale(estimate: Array, variance: Array, std: Array) -> float:
+    """
+    Return the log evidence that coefficients gain if their prior 1-sigma may be smaller as well.
+
+    The curvature of a road may change a lot or hardly.  With one prior of large changes alone,
+    slight ones would be so improbable that a turned camera would explain them better.
+
+    This takes the coefficients as independent, and as known far better than by the largest prior,
+    which is so where picks are more precise than clicks.
+
+    :param estimate: (n,) coefficients.
+    :param variance: (n,) their posterior variances.
+    :param std: (n,) their largest prior 1-sigmas; smaller ones by tens are equally probable.
+    """
+    spread = variance + np.outer(_SCALES, std)**2
+    logs = -0.5 * (estimate**2 / spread + np.log(spread))
+    return float(np.sum(np.logaddexp.reduce(logs, axis=0) - logs[0] - np.log(len(_SCALES))))
 
 
 def log_chance(shape: RoadShape, prior: RoadPrior) -> float:

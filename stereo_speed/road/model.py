@@ -304,7 +304,7 @@ def _ramp(u: Array, middle: Array, length: Array) -> Array:
     def area(places: Array) -> Array:
         """Return the integral of a ramp from 0 to 1 up to places."""
         part = (places - middle) / length + 0.5
-        return np.asarray((np.maximum(part, 0.0)**2 - np.maximum(part - 1, 0.0)**2) * length / 2)
+        return np.asarray((np.clip(part, 0.0, 1.0)**2 / 2 + np.maximum(part - 1, 0.0)) * length)
     behind, zero = ((area(v + half) - area(v - half)) / (2 * half) for v in (u, np.zeros(1)))
     return np.asarray(behind - zero)
 

@@ -9,7 +9,7 @@ from typing import Mapping, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import drift_matrix, RoadModel, Weights
+from .model import drift_matrix, RoadModel, RoadShape, Weights
 from .run_off import prior_std
 from .wander import MayWander, Wander
 from ..core.config import CheckedRecord, parameter
@@ -145,6 +145,10 @@ class Picks:
     def median_std_px(self) -> float:
         """Return the median 1-sigma of the picks, px."""
         return float(np.median(self.std_px))
+
+    def are_precise(self, prior: RoadPrior) -> bool:
+        """Return whether they are more precise than clicks."""
+        return self.median_std_px < prior.pick_std_px
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,6 +334,24 @@ class RoadProblem:
             np.array([1.0, prior.vertical_curve_log_std, prior.crest_std_per_m * half]
                      )[:shape.vertical_curve],
             prior_std(prior.curvature_std_per_m * half, prior.twist_std_rad)[:shape.run_off]])
+
+    def changes(self, shape: RoadShape) -> slice:
+        """
+        Return the places of coefficients by which the curvature changes by an unknown scale.
+
+        There are none if the picks are no more precise than clicks, which cannot show slight
+        changes.  The scales count where families are compared; a fit itself has the largest one.
+
+        :param shape: a family whose curvature has no more coefficients than that of the model.
+        """
+        first = self.model.places.curvature.start + 1
+        count = max(shape.curvature - 1, 0) * self.picks.are_precise(self.prior)
+        return slice(first, first + count)
+
+    def change_std(self, changes: slice) -> Array:
+        """Return the largest prior 1-sigmas of such coefficients."""
+        first = self.model.places.tapers.start
+        return self.prior_std[changes.start - first:changes.stop - first]
 
     @property
     def prior_mean(self) -> Array:

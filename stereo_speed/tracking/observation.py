@@ -50,6 +50,8 @@ class Observation:
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
     :param outlines: (2, G) change of each patch when the outlines of clipped areas move outwards,
         scaled to unit length; 0 without clipped areas.  The derivatives are orthogonal to it.
+    :param by_blur: (2, G) change of each patch off clipped areas by Gaussian blur, per half the
+        variance of the blur in steps of the grid.
     :param apart_jacobian: (3, G) derivatives of the left minus the right patch by the pose, 1/m.
         Both use the mean image gradient of the views: with separate gradients, their noise times
         the common motion of the views would look like a change of disparity.
@@ -70,6 +72,7 @@ class Observation:
     jacobian: Array
     relief_jacobian: Array
     outlines: Array
+    by_blur: Array
     apart_jacobian: Array
     apart_relief: Array
     pixels: float
@@ -156,7 +159,8 @@ class ObservationSampler:
                      (pair.left, pair.right), lie.bounds, lie.apart,
                      grown_blurs_px(self.blur_px, covered_px / self.blurred_at_px))]
         origins = np.array([origin for _, _, origin in crops], dtype=np.float64)
-        seen = Views(*views(*crops[0][:2], *crops[1][:2], origins, lie.at, lie.motion))
+        seen = Views(*views(*crops[0][:2], *crops[1][:2], origins, lie.at, lie.motion,
+                            lie.apart))
         per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])
         return Observation(
             pose=pose, heading_rad=heading_rad, relief=relief, **seen._asdict(),

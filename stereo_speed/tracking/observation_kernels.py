@@ -144,12 +144,13 @@ class Views(NamedTuple):
     jacobian: Array
     relief_jacobian: Array
     outlines: Array
+    by_blur: Array
     apart_jacobian: Array
     apart_relief: Array
 
 
 def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: Patches,
-                origins: Array, at: Array, motion: Array) -> tuple[Array, ...]:
+                origins: Array, at: Array, motion: Array, apart: Array) -> tuple[Array, ...]:
     """
     Return the fields of :class:`Views`.
 
@@ -160,27 +161,31 @@ def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: P
     :param origins: (2, 2) columns and rows of the images where the crops begin.
     :param at: (2, 2, G) as of :class:`Spread`.
     :param motion: (2, 6, G, 2) as of :class:`Spread`.
+    :param apart: (2, 2) as of :class:`Spread`.
     """
-    seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves)
-            for smooth, near, origin, (u, v), moves in zip(
-                (left, right), (left_near, right_near), origins, at, motion)]
-    patches, jacobian, alone, outlines = (np.array(part) for part in zip(*seen))
-    return (patches, jacobian[:, :3], alone[:, 0], outlines, jacobian[:, 3:].mean(axis=0),
-            alone[:, 1].mean(axis=0))
+    seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves, steps)
+            for smooth, near, origin, (u, v), moves, steps in zip(
+                (left, right), (left_near, right_near), origins, at, motion, apart)]
+    patches, jacobian, alone, outlines, by_blur = (np.array(part) for part in zip(*seen))
+    return (patches, jacobian[:, :3], alone[:, 0], outlines, by_blur,
+            jacobian[:, 3:].mean(axis=0), alone[:, 1].mean(axis=0))
 
 
-def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
-               ) -> tuple[Array, Array, Array, Array]:
+def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array, apart: Array
+               ) -> tuple[Array, Array, Array, Array, Array]:
     """
-    Return the patch of a view, its derivatives by pose and relief, and its change by outlines.
+    Return the patch of a view, its derivatives by pose and relief, and its other changes.
 
     :param smooth: (h, w) crop of the view, low-passed.
     :param near: (h, w) low-passed mask of its clipped areas; (0, 0) if there are none.
     :param u: (G,) columns of the samples in the crop.
     :param v: (G,) rows of the samples in the crop.
     :param motion: (3 k, G, 2) derivatives of the samples' pixels, px/m; numbers 0, 3, … are by s.
+    :param apart: (2,) mean distance of neighbouring samples, down and across, px.
     :return: (G,) the patch, (3 k, G) its derivatives, (k, G) those by s before the patch is
-        normalised, (G,) its change when the outlines of clipped areas move outwards.
+        normalised, (G,) its change when the outlines of clipped areas move outwards, (G,) its
+        change by blur off clipped areas: the Laplacian of the image, in steps of the grid (the
+        heat equation).
     """
     at, spline = np.stack([v, u]), ndimage.spline_filter(smooth, 3, np.float64)
     values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
@@ -190,11 +195,17 @@ def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
     by_v, by_u = (_between(slope, at) / scale for slope in slopes)
     jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
     change = normalised_change(jacobian, patch)
+    bends = [ndimage.correlate1d(smooth, (1, -2, 1), axis, mode='nearest') for axis in (0, 1)]
+    laplacian = sum(_between(bend, at) * step ** 2 for bend, step in zip(bends, apart))
+    # Light is blurred before it is clipped: near clipped areas, blur moves their outlines.
+    unclipped = 1 - _between(near, at) if near.size else np.ones_like(patch)
+    by_blur = normalised_change((unclipped * laplacian / scale)[None], patch)[0]
     if not near.size:
-        return patch, change, jacobian[::3], np.zeros_like(patch)
+        return patch, change, jacobian[::3], np.zeros_like(patch), by_blur
     outline = normalised_change(_between(np.hypot(*slopes) * near, at)[None], patch)[0]
     outline = outline / max(float(np.linalg.norm(outline)), _LEAST_OUTLINE)
-    return patch, change - np.outer(change @ outline, outline), jacobian[::3], outline
+    return (patch, change - np.outer(change @ outline, outline), jacobian[::3], outline,
+            by_blur)
 
 
 def _between(image: Patches, at: Array) -> Array:
@@ -270,6 +281,20 @@ def _slope_across(image, i, j):  # type: ignore
 
 
 @inlined
+def _bend_down(image, i, j):  # type: ignore
+    """Return the second difference from row to row, one-sided at the edges."""
+    a, b = max(i - 1, 0), min(i + 1, image.shape[0] - 1)
+    return image[a, j] - 2 * image[i, j] + image[b, j]
+
+
+@inlined
+def _bend_across(image, i, j):  # type: ignore
+    """Return the second difference from column to column, one-sided at the edges."""
+    a, b = max(j - 1, 0), min(j + 1, image.shape[1] - 1)
+    return image[i, a] - 2 * image[i, j] + image[i, b]
+
+
+@inlined
 def _settle(change, patch):  # type: ignore
     """Remove the components along a constant and along the patch from a row."""
     samples = len(patch)
@@ -287,8 +312,9 @@ def _settle(change, patch):  # type: ignore
 
 
 @inlined
-def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  # type: ignore
-    """Write the results of :func:`plain_view` for one view into the last four arrays."""
+def _view(smooth, near, left, top, at, motion, apart, patch, outline, by_blur,  # type: ignore
+          change, alone):
+    """Write the results of :func:`plain_view` for one view into the last five arrays."""
     height, width = smooth.shape
     spline = _down(_down(smooth))  # transposed twice, so again of the shape of the crop
     samples, rows = len(patch), len(motion)
@@ -330,7 +356,7 @@ def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  
         y = min(max(at[1, g] - top, 0.0), height - 1.0)
         j, i = min(int(np.floor(x)), width - 2), min(int(np.floor(y)), height - 2)
         p, q = x - j, y - i
-        by_u = by_v = edge = 0.0
+        by_u = by_v = edge = laplacian = clipped = 0.0
         for a in range(2):
             for b in range(2):
                 weight = (q if a else 1 - q) * (p if b else 1 - p)
@@ -338,15 +364,19 @@ def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  
                 down = _slope_down(smooth, i + a, j + b)
                 by_u += weight * across
                 by_v += weight * down
+                laplacian += weight * (_bend_down(smooth, i + a, j + b) * apart[0] ** 2
+                                       + _bend_across(smooth, i + a, j + b) * apart[1] ** 2)
                 if near.size:
+                    clipped += weight * near[i + a, j + b]
                     edge += weight * np.sqrt(across * across + down * down) * near[i + a, j + b]
-        outline[g] = edge
+        outline[g], by_blur[g] = edge, laplacian * (1 - clipped) / scale
         for c in range(rows):
             change[c, g] = (motion[c, g, 0] * by_u + motion[c, g, 1] * by_v) / scale
         for c in range(len(alone)):
             alone[c, g] = change[3 * c, g]
     for c in range(rows):
         _settle(change[c], patch)
+    _settle(by_blur, patch)
     if near.size:
         _settle(outline, patch)
         size = 0.0
@@ -364,23 +394,24 @@ def _view(smooth, near, left, top, at, motion, patch, outline, change, alone):  
 
 
 @kernel(plain_views, '(f4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1], f8[:,::1], f8[:,:,::1], '
-        'f8[:,:,:,::1])')
-def views(left, left_near, right, right_near, origins, at, motion):  # type: ignore
+        'f8[:,:,:,::1], f8[:,::1])')
+def views(left, left_near, right, right_near, origins, at, motion, apart):  # type: ignore
     """Return the fields of :class:`Views`; arguments are those of :func:`plain_views`."""
     samples = at.shape[2]
-    patches, outlines = np.empty((2, samples)), np.zeros((2, samples))
+    patches, by_blur, outlines = (
+        np.empty((2, samples)), np.empty((2, samples)), np.zeros((2, samples)))
     change, alone = np.empty((2, 6, samples)), np.empty((2, 2, samples))
     for side in range(2):
         smooth, near = (left, left_near) if side == 0 else (right, right_near)
         _view(smooth, near, origins[side, 0], origins[side, 1], at[side], motion[side],
-              patches[side], outlines[side], change[side], alone[side])
+              apart[side], patches[side], outlines[side], by_blur[side], change[side], alone[side])
     jacobian, by_relief = np.empty((2, 3, samples)), np.empty((2, samples))
-    apart, apart_relief = np.empty((3, samples)), np.empty(samples)
+    parting, parting_relief = np.empty((3, samples)), np.empty(samples)
     for c in range(3):
         for g in range(samples):
             jacobian[0, c, g], jacobian[1, c, g] = change[0, c, g], change[1, c, g]
-            apart[c, g] = 0.5 * (change[0, 3 + c, g] + change[1, 3 + c, g])
+            parting[c, g] = 0.5 * (change[0, 3 + c, g] + change[1, 3 + c, g])
     for g in range(samples):
         by_relief[0, g], by_relief[1, g] = alone[0, 0, g], alone[1, 0, g]
-        apart_relief[g] = 0.5 * (alone[0, 1, g] + alone[1, 1, g])
-    return patches, jacobian, by_relief, outlines, apart, apart_relief
+        parting_relief[g] = 0.5 * (alone[0, 1, g] + alone[1, 1, g])
+    return patches, jacobian, by_relief, outlines, by_blur, parting, parting_relief

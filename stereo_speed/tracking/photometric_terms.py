@@ -22,6 +22,7 @@ _ROUNDS = 3  # iterations of texture, gains and weights, which depend on each ot
 _STUDENT_ROUNDS = 3  # as in student_weights
 _LEAST_MOTION = 1e-9  # information added, 1/m^2, for patches without contrast
 _LEAST_SHARE = 1e-9  # share of the information added, for motions that look alike
+_LEAST_BLUR = 1e-9  # change by blur of a patch without contrast
 _LEAST_SIZE = 1e-3  # singular value below which the outlines of both views count as parallel
 
 
@@ -47,8 +48,9 @@ class TemporalTerms(NamedTuple):
 
 
 def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
-                   outlines: Array, relief: Array, pixels: Array, shift_px: Array, dof: float,
-                   independent: float, floor_px: float) -> TemporalTerms:
+                   outlines: Array, by_blur: Array, relief: Array, pixels: Array,
+                   shift_px: Array, dof: float, independent: float, floor_px: float
+                   ) -> TemporalTerms:
     """
     Return the terms of :func:`temporal`, in plain numpy.
 
@@ -57,6 +59,8 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     :param jacobian: (k, 2, 3, G) derivatives of the patches by the pose, 1/m.
     :param by_relief: (k, 2, G) derivatives of the patches by the relief of each sample, 1/m.
     :param outlines: (k, 2, G) change by moving outlines, of unit length, or 0.
+    :param by_blur: (G,) change of the texture by blur; how much each observation is blurred,
+        equally in its views, is unknown.
     :param relief: (k, G) relief that each observation was taken with, m.
     :param pixels: (n,) number of pixels that each counts with, 0 to leave it out.
     :param shift_px: (k,) motion of the front per metre of a, px/m.
@@ -67,6 +71,11 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     patches, jacobian, by_relief = patches[rows], jacobian[rows], by_relief[rows]
     outlines, relief, shift_px = outlines[rows], relief[rows], shift_px[rows]
     n, views, samples = patches.shape
+    blur = by_blur - (outlines @ by_blur)[..., None] * outlines  # what outlines leave of it
+    blur = blur / np.maximum(np.linalg.norm(blur, axis=(1, 2)), _LEAST_BLUR)[:, None, None]
+    # The relief of a sample keeps its own information; it loses a share of one in G to blur.
+    jacobian = jacobian - np.einsum('nvg,nvcg->nc', blur, jacobian)[:, None, :, None] \
+        * blur[:, :, None]
     weights = np.ones_like(patches)
     for _ in range(_ROUNDS):
         share = pixels[:, None, None] * weights
@@ -74,6 +83,9 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
         residual = beside(
             patches.reshape(views * n, -1), texture, weights.reshape(views * n, -1))
         along = outlines.reshape(views * n, -1)
+        residual = residual - np.einsum('ng,ng->n', residual, along)[:, None] * along
+        along = blur.reshape(n, -1)
+        residual = residual.reshape(n, -1)
         residual = residual - np.einsum('ng,ng->n', residual, along)[:, None] * along
         both, variance = student_weights(
             _settled(residual.reshape(patches.shape), jacobian, weights).reshape(n, -1),
@@ -119,10 +131,32 @@ def _brightness(weights, texture, patch):  # type: ignore
 
 
 @kernel(_plain_temporal, '(i8[::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,::1], '
-        'f8[:,::1], f8[::1], f8[::1], f8, f8, f8)')
-def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # type: ignore
-              shift_px, dof, independent, floor_px):
+        'f8[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8)')
+def _temporal(rows, patches, jacobian, by_relief, outlines, by_blur,  # type: ignore
+              relief, pixels, shift_px, dof, independent, floor_px):
     n, views, samples = len(rows), patches.shape[1], patches.shape[2]
+    blur, moves = np.empty((n, views, samples)), np.empty((n, views, 3, samples))
+    for i in range(n):
+        at, length = rows[i], 0.0
+        for v in range(views):
+            along = 0.0
+            for g in range(samples):
+                along += by_blur[g] * outlines[at, v, g]
+            for g in range(samples):
+                blur[i, v, g] = by_blur[g] - along * outlines[at, v, g]
+                length += blur[i, v, g] ** 2
+        length = max(np.sqrt(length), _LEAST_BLUR)
+        for v in range(views):
+            for g in range(samples):
+                blur[i, v, g] /= length
+        for c in range(3):
+            along = 0.0
+            for v in range(views):
+                for g in range(samples):
+                    along += blur[i, v, g] * jacobian[at, v, c, g]
+            for v in range(views):
+                for g in range(samples):
+                    moves[i, v, c, g] = jacobian[at, v, c, g] - along * blur[i, v, g]
     weights = np.ones((n, views, samples))
     residual, still = np.zeros((n, views, samples)), np.zeros((views, samples))
     texture, total = np.zeros(samples), np.zeros(samples)
@@ -155,12 +189,19 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
                 if length > 0:
                     for g in range(samples):
                         residual[i, v, g] -= along * outlines[at, v, g]
+            along = 0.0
+            for v in range(views):
+                for g in range(samples):
+                    along += residual[i, v, g] * blur[i, v, g]
+            for v in range(views):
+                for g in range(samples):
+                    residual[i, v, g] -= along * blur[i, v, g]
             a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
             for v in range(views):
                 for g in range(samples):
                     w, r = weights[i, v, g], residual[i, v, g]
-                    j0, j1 = jacobian[at, v, 0, g], jacobian[at, v, 1, g]
-                    j2 = jacobian[at, v, 2, g]
+                    j0, j1 = moves[i, v, 0, g], moves[i, v, 1, g]
+                    j2 = moves[i, v, 2, g]
                     a00 += w * j0 * j0
                     a01 += w * j0 * j1
                     a02 += w * j0 * j2
@@ -185,8 +226,8 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
             spread = 0.0
             for v in range(views):
                 for g in range(samples):
-                    r = residual[i, v, g] - b0 * jacobian[at, v, 0, g] - (
-                        b1 * jacobian[at, v, 1, g] + b2 * jacobian[at, v, 2, g])
+                    r = residual[i, v, g] - b0 * moves[i, v, 0, g] - (
+                        b1 * moves[i, v, 1, g] + b2 * moves[i, v, 2, g])
                     still[v, g] = r * r
                     spread += weights[i, v, g] * r * r
             spread = max(spread / (views * samples), _LEAST_VARIANCE)
@@ -214,7 +255,7 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
         per_px = 0.0
         for v in range(views):
             for g in range(samples):
-                per_px += scale * weights[i, v, g] * jacobian[at, v, 1, g] ** 2
+                per_px += scale * weights[i, v, g] * moves[i, v, 1, g] ** 2
         per_px /= max(shift_px[at] ** 2, 1e-9)
         scale /= 1 + floor_px ** 2 * per_px
         for v in range(views):
@@ -237,7 +278,7 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
             for c in range(3):
                 to_right = 0.0
                 for g in range(samples):
-                    wj = weights[i, v, g] * jacobian[at, v, c, g]
+                    wj = weights[i, v, g] * moves[i, v, c, g]
                     shared[3 * i + c, g] += wj
                     mixed[3 * i + c, g] += wj * by_relief[at, v, g]
                     to_right += wj * (residual[i, v, g] - level[g])
@@ -245,8 +286,8 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
                 for d in range(c + 1):
                     block = 0.0
                     for g in range(samples):
-                        block += (weights[i, v, g] * jacobian[at, v, c, g]
-                                  * jacobian[at, v, d, g])
+                        block += (weights[i, v, g] * moves[i, v, c, g]
+                                  * moves[i, v, d, g])
                     blocks[i, c, d] += block
             for g in range(samples):
                 relief_right[g] -= (weights[i, v, g] * by_relief[at, v, g]
@@ -263,11 +304,11 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,  # t
 
 
 def temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
-             outlines: Array, relief: Array, pixels: Array, shift_px: Array, dof: float,
-             independent: float, floor_px: float) -> TemporalTerms:
+             outlines: Array, by_blur: Array, relief: Array, pixels: Array, shift_px: Array,
+             dof: float, independent: float, floor_px: float) -> TemporalTerms:
     """Return the agreement with the texture; arguments are those of :func:`plain_temporal`."""
-    return TemporalTerms(*_temporal(rows, patches, jacobian, by_relief, outlines, relief, pixels,
-                                    shift_px, dof, independent, floor_px))
+    return TemporalTerms(*_temporal(rows, patches, jacobian, by_relief, outlines, by_blur, relief,
+                                    pixels, shift_px, dof, independent, floor_px))
 
 
 class CrossTerms(NamedTuple):

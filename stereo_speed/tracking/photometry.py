@@ -9,7 +9,8 @@ The equations of the observations of a pass for its poses: least squares on grey
 
 Each grey value has its own weight.  Clipped lamps keep their size in pixels while the front grows,
 reflections slide over the paint, dirt on the glass stays in place: residuals have heavy tails, so
-they are weighted by the t distribution, between the views and over time.
+they are weighted by the t distribution, between the views and over time.  How much each
+observation is blurred is unknown; the lens blurs a front more the further away it is.
 
 The noise is estimated from the residuals.  In addition there is a floor of systematic error
 (interpolation, relief, light) that does not average out over samples and limits the weight of an
@@ -183,7 +184,7 @@ def scatters_px(noise: NoiseConfig) -> list[tuple[float, float]]:
     return [(float(px), float(w)) for px, w in zip(more_px, weights) if w > 0]
 
 
-_Agree = Callable[[Columns, NDArray[np.int64], Array, NoiseConfig, float], TemporalTerms]
+_Agree = Callable[[Columns, NDArray[np.int64], Array, Array, NoiseConfig, float], TemporalTerms]
 
 
 class PassPhotometry:
@@ -264,8 +265,9 @@ class PassPhotometry:
         pixels[ncc < self.limits.least_ncc] = 0.0
         if n < 2 or not pixels.any():
             return ncc
+        by_blur = pixels @ table.by_blur[rows] / pixels.sum()
         # The texture is eliminated, so that what all observations have in common does not count.
-        terms = agree(table, rows, pixels, noise, texture_floor_px)
+        terms = agree(table, rows, pixels, by_blur, noise, texture_floor_px)
         poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)
         H[poses, poses] -= terms.shared @ terms.shared.T
         _add_blocks(H[poses, poses], terms.blocks)
@@ -276,27 +278,29 @@ class PassPhotometry:
         return ncc
 
 
-def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
-              floor_px: float) -> TemporalTerms:
+def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_blur: Array,
+              noise: NoiseConfig, floor_px: float) -> TemporalTerms:
     """
     Return the agreement of observations with their texture.
 
     :param rows: (n,) rows of the observations in the table.
     :param pixels: (n,) number of pixels that each counts with, 0 to leave it out.
+    :param by_blur: (G,) change of the texture by blur.
     :param floor_px: systematic error of matching, which does not average out over samples.
     """
     return temporal(
-        rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, table.relief,
-        pixels, table.shift_px, noise.tail_dof, noise.independent_share, floor_px)
+        rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, by_blur,
+        table.relief, pixels, table.shift_px, noise.tail_dof, noise.independent_share, floor_px)
 
 
-def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, noise: NoiseConfig,
-                    floor_px: float) -> TemporalTerms:
+def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_blur: Array,
+                    noise: NoiseConfig, floor_px: float) -> TemporalTerms:
     """
     Return the same for views that have two stamps.
 
     Each view is an observation with its own pose: that of the right view is further along by the
-    lag times the speed, and off its epipolar line.  Arguments are those of :func:`_temporal`.
+    lag times the speed, and off its epipolar line.  So the blur of each is unknown.
+    Arguments are those of :func:`_temporal`.
 
     :param rows: (n,) rows of the observations in the table.
     """
@@ -305,7 +309,7 @@ def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, nois
         np.stack([2 * rows, 2 * rows + 1], axis=-1).ravel(),
         table.patches.reshape(2 * k, 1, samples), table.jacobian.reshape(2 * k, 1, 3, samples),
         table.relief_jacobian.reshape(2 * k, 1, samples),
-        table.outlines.reshape(2 * k, 1, samples), np.repeat(table.relief, 2, axis=0),
+        table.outlines.reshape(2 * k, 1, samples), by_blur, np.repeat(table.relief, 2, axis=0),
         np.repeat(pixels, 2), np.repeat(table.shift_px, 2), noise.tail_dof,
         noise.independent_share, math.sqrt(2) * floor_px)  # the mean of two views has floor_px
     n = len(rows)

@@ -541,6 +541,7 @@ CASES: dict[str, Case] = {
     SWEEP + 'spacing.along_m': swept('behind another', 1.0),
     SWEEP + 'spacing.headway_s': swept('behind another', 0.0),
     SWEEP + 'spacing.across_m': swept('beside another', 10.0),
+    SWEEP + 'spacing.beside_m': swept('beside another', 2.0),
     SWEEP + 'spacing.least_half_m': swept('beside another', 3.0),
 }
 
@@ -573,6 +574,7 @@ CASES |= {
     BOXES + 'spacing.along_m': boxed('boxed behind another', 1.0),
     BOXES + 'spacing.headway_s': boxed('boxed behind another', 0.0),
     BOXES + 'spacing.across_m': boxed('boxed beside another', 10.0),
+    BOXES + 'spacing.beside_m': boxed('boxed beside another', 2.0),
     BOXES + 'spacing.least_half_m': boxed('boxed beside another', 3.0),
 }
 

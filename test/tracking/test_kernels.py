@@ -42,27 +42,27 @@ def observations():
     pixels = RNG.uniform(30, G, N)
     pixels[5] = 0.0
     return (patches, RNG.standard_normal((N, 2, 3, G)), RNG.standard_normal((N, 2, G)), outlines,
-            0.02 * RNG.standard_normal((N, G)), pixels)
+            RNG.standard_normal(G), 0.02 * RNG.standard_normal((N, G)), pixels)
 
 
 def test_temporal_terms(observations):
     rows = np.array([3, 0, 1, 6, 2, 5, 4])
     agree(photometric_terms._temporal, rows, *observations, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
-    agree(photometric_terms._temporal, rows[:4], *observations[:5], observations[5][:4],
+    agree(photometric_terms._temporal, rows[:4], *observations[:6], observations[6][:4],
           RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
 
 
 def test_temporal_terms_of_one_view(observations):
     """As for views that are exposed at different times."""
-    patches, jacobian, by_relief, outlines, relief, pixels = observations
+    patches, jacobian, by_relief, outlines, by_blur, relief, pixels = observations
     agree(photometric_terms._temporal, np.array([3, 0, 1, 6, 2, 5, 4]), patches[:, :1].copy(),
-          jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(), relief, pixels,
-          RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+          jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(), by_blur,
+          relief, pixels, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
 
 
 @pytest.mark.parametrize('outlined', ['none', 'both', 'left', 'alike'])
 def test_cross_terms(observations, outlined):
-    patches, jacobian, by_relief, outlines, relief, _ = observations
+    patches, jacobian, by_relief, outlines, _, relief, _ = observations
     lines = outlines[0 if outlined == 'none' else 3].copy()
     if outlined == 'left':
         lines[1] = 0
@@ -85,8 +85,9 @@ def test_views(first, lit):
         image = cv2.GaussianBlur(RNG.uniform(0, 255, (40, 60)).astype(np.float32), (0, 0), 1.2)
         near = cv2.GaussianBlur((image > 160).astype(np.float32), (0, 0), 2.0)
         args += [image, near if lit in (side, 'both') else np.zeros((0, 0), np.float32)]
+    # slopes are of single precision
     agree(observation_kernels.views, *args, origins, np.stack([u, v]) + origins[:, :, None],
-          100 * RNG.standard_normal((2, 6, G, 2)), atol=1e-7)  # slopes are of single precision
+          100 * RNG.standard_normal((2, 6, G, 2)), RNG.uniform(1, 6, (2, 2)), atol=1e-7)
 
 
 def test_spread():

@@ -187,3 +187,17 @@ def test_outline_is_the_change_caused_by_a_spreading_clipped_lamp(clear):
         np.testing.assert_allclose(small.jacobian[view] @ outline, 0.0, atol=1e-6)
         rest = change - (change @ outline) * outline
         assert np.linalg.norm(rest) < 0.7 * np.linalg.norm(change)
+
+
+@pytest.mark.parametrize('sigma_px', [0.3, 0.5])
+def test_change_by_blur_is_that_of_a_little_gaussian_blur(clear, sigma_px):
+    """Up to the edges of the front, in grey values and per square of the grid's steps."""
+    sampler, pair = sampler_of(clear), clear.pair(0, 0, POSE)
+    blurred = replace(pair, **{side: cv2.GaussianBlur(getattr(pair, side), (0, 0), sigma_px)
+                               for side in ('left', 'right')})
+    sharp, soft = observe(sampler, pair), observe(sampler, blurred)
+    for view in (0, 1):
+        change = normalised_change(
+            (soft.patches[view] - sharp.patches[view])[None], sharp.patches[view])[0]
+        wanted = sharp.by_blur[view]
+        assert change @ wanted > 0.97 * np.linalg.norm(change) * np.linalg.norm(wanted)

@@ -51,6 +51,7 @@ def linear_observations(rng, count, relief, texture_noise=0.0, lag_s=0.0, gone=N
         observations.append(Observation(
             pose=np.zeros(3), heading_rad=0.0, relief=FLAT, patches=values, jacobian=change,
             relief_jacobian=raw[:, 0], outlines=np.zeros((2, samples)),
+            by_blur=np.zeros((2, samples)),
             apart_jacobian=change[0] - change[1], apart_relief=raw[0, 0] - raw[1, 0],
             pixels=float(samples),
             shift_px=np.ones((2, 3)), disparity_px=np.ones(3), velocity_mps=np.zeros(3),
@@ -72,6 +73,47 @@ def test_equations_find_poses_and_relief_of_a_linear_world():
     np.testing.assert_allclose(depth - depth.mean(), relief - relief.mean(), atol=few)
     np.testing.assert_allclose(
         found[:, 0] + depth.mean(), poses[:, 0] + relief.mean(), atol=few)
+
+
+def like_blur(rng, observations, lengths):
+    """
+    Return observations whose pose changes them much as blur does, and which are blurred.
+
+    :param observations: with their true poses.
+    :param lengths: (n, 2) change of each view by blur.
+    """
+    texture = np.mean([o.patches for o, _ in observations], axis=(0, 1))
+    change = normalised_change(rng.normal(size=(1, len(texture))), texture)[0]
+    moves = [o.jacobian + 10.0 * np.array([0.3, 1.0, -0.5])[:, None] * change
+             for o, _ in observations]
+    return [replace(
+        o, by_blur=np.tile(change, (2, 1)), jacobian=J,
+        patches=o.patches - np.einsum('c,vcg->vg', pose, J - o.jacobian)
+        + length[:, None] * change)
+        for (o, pose), J, length in zip(observations, moves, lengths)]
+
+
+@pytest.mark.parametrize('apart', [False, True])
+def test_unknown_blur_is_no_evidence_of_the_pose(apart):
+    """The true poses are found, however much each observation is blurred."""
+    rng = np.random.default_rng(4)
+    observations, poses = linear_observations(rng, 5, FLAT, lag_s=0.5 if apart else 0.0)
+    blurred = like_blur(rng, list(zip(observations, poses)), 1e-3 * rng.normal(size=(5, 1))
+                        * np.ones(2))
+    seen = photometry()(blurred, rates_per_s=np.zeros((5, 5)) if apart else None)
+    found = np.linalg.lstsq(seen.H, seen.right, rcond=1e-7)[0][:15].reshape(5, 3)
+    np.testing.assert_allclose(found[:, 1:], poses[:, 1:], atol=0.03e-5)
+
+
+def test_blur_of_one_view_alone_is_not_taken_for_blur_of_both():
+    """What differs between the views of one exposure remains evidence."""
+    rng = np.random.default_rng(4)
+    observations, poses = linear_observations(rng, 5, FLAT)
+    lengths = 1e-3 * rng.normal(size=(5, 1))
+    both, opposite = (photometry()(like_blur(
+        np.random.default_rng(5), list(zip(observations, poses)), lengths * sides))
+        for sides in (np.array([1.0, 1.0]), np.array([1.0, -1.0])))
+    assert np.linalg.norm(opposite.right) > 3 * np.linalg.norm(both.right)
 
 
 def test_equations_find_the_speeds_of_views_exposed_apart():

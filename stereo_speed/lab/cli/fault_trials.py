@@ -89,13 +89,8 @@ def _no_profile(*processes: str) -> Trial:
                  stream='none', first_s=0.0, length_s=ALWAYS_S, no_profile=processes)
 
 
-def _kill(node: str, silent_s: float = 2.0, why_silent: str = '') -> Trial:
-    return Trial(OK, why_ok=_RESTARTS, most=ERROR, silent_s=silent_s, why_silent=why_silent,
-                 stream='none', kill=node)
-
-
-def _kill_measuring(node: str) -> Trial:
-    return _kill(node, 3.0, 'imports and kernels take 2 s, and three pairs are needed')
+def _kill(node: str) -> Trial:
+    return Trial(OK, why_ok=_RESTARTS, most=ERROR, stream='none', kill=node)
 
 
 def _step(step_s: float) -> Trial:
@@ -154,8 +149,8 @@ TRIALS: Mapping[str, Trial] = {
     'all_without_profile': _no_profile('camera', 'nodes'),
     'kill_search_process': Trial(WARN, 'pipeline', stream='none', kill_helper='search_process'),
     'kill_pass_process': Trial(WARN, 'pipeline', stream='none', kill_helper='pass_process'),
-    'kill_speed_camera_node': _kill_measuring('speed_camera_node'),
-    'kill_tracker_node': _kill_measuring('tracker_node'),
+    'kill_speed_camera_node': _kill('speed_camera_node'),
+    'kill_tracker_node': _kill('tracker_node'),
     'kill_stereo_sync_node': _kill('stereo_sync_node'),
     'kill_speed_node': _kill('speed_node'),
 }

@@ -282,13 +282,14 @@ def _arguments() -> dict[str, tuple[Any, ...]]:
     terms, seen, found = (m.__name__ for m in (
         photometric_terms, observation_kernels, patch_kernels))
     return {
-        f'{terms}._temporal': (np.arange(n), patches, jacobian, by_relief, outlines, relief,
+        f'{terms}._temporal': (np.arange(n), patches, jacobian, by_relief, outlines,
+                               rng.standard_normal(samples), relief,
                                rng.uniform(100, samples, n), rng.uniform(5, 20, n), 3.0, 0.3,
                                0.02),
         f'{terms}._cross': (patches[0], jacobian[0, 0], by_relief[0, 0], outlines[0], relief[0],
                             400.0, 3.0, 0.3),
         f'{seen}.views': (crop, none, crop, none, np.zeros((2, 2)), np.array([[u, v], [u, v]]),
-                          100 * rng.standard_normal((2, 6, samples, 2))),
+                          100 * rng.standard_normal((2, 6, samples, 2)), np.full((2, 2), 4.0)),
         f'{found}.shifted': (wide[:, :9].copy(), wide[:, 9:].copy(), np.full(3, 14), mask, 4),
         f'{found}.mirrored': (np.ascontiguousarray(wide), 85),
         f'{found}.edges': (window, window + 1),

@@ -42,12 +42,33 @@ class ClickDistance(NamedTuple):
         :param width_m: width of its band, m; 0 for an edge.
         :param clicks_px: (n, 2) clicked raw pixels of each view.
         """
-        half_m = width_m / 2 if width_m else _KERB_M
-        off_px, px_per_m = np.concatenate(
-            [signed_distances(road, name, bool(right), uv)
-             for right, uv in enumerate(clicks_px)], axis=-1)
-        off_px = np.abs(off_px)
+        off_px, px_per_m = _of_both_views(road, name, clicks_px)
+        off_px, half_m = np.abs(off_px), _half_m(width_m)
         return cls(float(np.median(off_px)), float(np.median(off_px - half_m * px_per_m)))
+
+
+def scatter_px(road: RoadFit, name: str, width_m: float, clicks_px: Sequence[Array]) -> Array:
+    """
+    Return the distances (n,) of a line's clicks from it, px, without what they have in common.
+
+    A person clicks on the middle of a marking or on an edge, so all clicks may lie beside its
+    middle by up to half its width, or by that of a kerb where it has none.  The arguments are
+    those of :meth:`ClickDistance.of`.
+    """
+    off_px, px_per_m = _of_both_views(road, name, clicks_px)
+    half_m = _half_m(width_m)
+    beside_m = np.clip(off_px @ px_per_m / (px_per_m @ px_per_m), -half_m, half_m)
+    return np.asarray(off_px - beside_m * px_per_m)
+
+
+def _half_m(width_m: float) -> float:
+    return width_m / 2 if width_m else _KERB_M
+
+
+def _of_both_views(road: RoadFit, name: str, clicks_px: Sequence[Array]) -> Array:
+    """Return :func:`signed_distances` of the clicks of both views together."""
+    return np.concatenate([signed_distances(road, name, bool(right), uv)
+                           for right, uv in enumerate(clicks_px)], axis=-1)
 
 
 def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:

@@ -16,7 +16,7 @@ from typing import Iterable, Mapping, Optional
 
 import numpy as np
 
-from .clicked import ClickDistance, not_clicked, signed_distances
+from .clicked import ClickDistance, not_clicked, scatter_px
 from .config import RefineConfig
 from .cross_sections import LineView
 from .empty_road import Background, backgrounds
@@ -160,7 +160,7 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
             raise
         reason = f'the detected markings give no lane: {error.what}: found {error.found}'
     else:
-        off_px = np.zeros(0) if road is None else _off_road_px(road, rough)
+        off_px = np.zeros(0) if road is None else _off_road_px(road, rough, found)
         clicked = replace(site, correction=correction)
         reason = _disagreement(lanes, clicked, corrected, off_px, config, prior)
     refined = RefinedSite(result, corrected, {}, site, found, road, drift, checked.epipolar, views,
@@ -179,12 +179,12 @@ def _search_roads(site: Site, rig: StereoRig, views: tuple[Background, Backgroun
     return roads, found
 
 
-def _off_road_px(road: RoadFit, rough: Site) -> Array:
-    """Return the signed distances (n,) of all clicks from their lines on a refined road, px."""
+def _off_road_px(road: RoadFit, rough: Site, found: Found) -> Array:
+    """Return how far (n,) all clicks scatter about their lines on a refined road, px."""
     return np.concatenate([np.zeros(0), *(
-        signed_distances(road, name, bool(right), uv)[0]
-        for name in rough.picked if name in road.names
-        for right, uv in enumerate(rough.picked[name].views_px))])
+        scatter_px(road, name, found[name][0].shape.width_m if name in found else 0.0,
+                   rough.picked[name].views_px)
+        for name in rough.picked if name in road.names)])
 
 
 def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, off_px: Array,
@@ -192,19 +192,19 @@ def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, 
     """
     Return a text that says how refined lanes contradict the clicks; empty if they do not.
 
-    Clicks whose distances from the refined lines are normal for clicks do not contradict them,
-    even if a road fitted to the clicks alone is far off.
+    Lines about which the clicks scatter as clicks do are no contradiction, even if a road fitted
+    to the clicks alone is far off.
 
     :param clicked: site with the lines as clicked, and with the correction of the rig.
     :param rig: rig with the correction applied.
-    :param off_px: (n,) distances of the clicks from the refined lines, px.
+    :param off_px: (n,) as of :func:`_off_road_px`.
     """
     try:
         rough = lane_paths(clicked, rig, prior)
     except SiteError:
         return ''
-    scatter_px = max([prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
-    most_px = config.disagreement_factor * scatter_px
+    most_px = config.disagreement_factor * max(
+        [prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
     if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < most_px:
         return ''
     for name, lane in lanes.items():

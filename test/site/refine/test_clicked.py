@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.file import PickedLine
-from stereo_speed.site.refine.clicked import ClickDistance, not_clicked, signed_distances
+from stereo_speed.site.refine.clicked import (
+    ClickDistance, not_clicked, scatter_px, signed_distances)
 from stereo_speed.site.refine.refiner import refine_site
 
 ON = ClickDistance(0.2, -2.0)
@@ -63,3 +64,18 @@ def test_band_beside_the_clicks_of_a_line_is_not_taken_for_it(drawn, off_m, lost
               for right in (0, 1)]
     site = replace(drawn.site, lines=lines)
     assert refine_site(site, drawn.rig, [StereoPair(0, 0, 0, *images)]).lost == lost
+
+
+@pytest.mark.parametrize('beside_m, left_px', [
+    (0.05, 0.0),  # within the marking's half width of 0.06 m
+    (0.1, 0.4)])  # the share of 0.1 m that lies outside
+def test_what_clicks_have_in_common_is_no_scatter_within_a_marking(drawn, beside_m, left_px):
+    z = np.linspace(40.0, 14.0, 9)
+    points = np.column_stack([np.full(9, -2.0 + beside_m), np.full(9, 3.0), z])
+    clicks = drawn.rig.project(points)[:2]
+    off_px = np.concatenate([signed_distances(drawn.fit, 'right', bool(right), uv)[0]
+                             for right, uv in enumerate(clicks)])
+    left = scatter_px(drawn.fit, 'right', 0.12, clicks)
+    np.testing.assert_allclose(left, left_px * off_px, atol=0.02 * np.abs(off_px).max())
+    bent = [uv + 0.3 * np.cos(np.arange(9.0) * np.pi)[:, None] for uv in clicks]
+    assert np.abs(scatter_px(drawn.fit, 'right', 0.12, bent) - left).max() > 0.2
