@@ -15,6 +15,7 @@ from ..core.passes import VehicleClass, VehicleKind
 from ..core.tracker_config import ClassConfig
 
 _SQRT_2 = math.sqrt(2.0)
+_LOW_SIGMAS = 2.0  # of its height, by which an object must be lower than vehicles
 
 
 class _Sizes(NamedTuple):
@@ -56,6 +57,16 @@ def is_edge(vehicle: VehicleKind, config: ClassConfig) -> bool:
     """
     return (vehicle.width_m < config.edge_width_m and vehicle.height_m is not None
             and vehicle.height_m > config.edge_height_m)
+
+
+def is_low(vehicle: VehicleKind, config: ClassConfig) -> bool:
+    """
+    Return whether the measured object is lower than any vehicle.
+
+    An example is the edge of a shadow, which moves with its vehicle.
+    """
+    return (vehicle.height_m is not None and vehicle.height_std_m is not None
+            and vehicle.height_m + _LOW_SIGMAS * vehicle.height_std_m < config.least_height_m)
 
 
 def _classes(c: ClassConfig) -> dict[VehicleClass, _Sizes]:

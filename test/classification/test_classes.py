@@ -5,7 +5,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from stereo_speed.classification.classes import classified, is_edge
+from stereo_speed.classification.classes import classified, is_edge, is_low
 from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.tracker_config import ClassConfig
 
@@ -26,6 +26,13 @@ def test_common_sizes(width_m, height_m, name):
     (0.42, 2.8, True), (0.8, 1.7, False), (1.8, 2.8, False), (0.42, None, False)])
 def test_narrow_object_taller_than_a_rider_is_an_edge(width_m, height_m, edge):
     assert is_edge(classified(width_m, 0.08, height_m, CONFIG), CONFIG) is edge
+
+
+@pytest.mark.parametrize(('height_m', 'low'), [
+    (0.11, True), (0.25, True), (0.27, False), (0.6, False), (1.02, False), (None, False)])
+def test_nothing_moving_as_high_as_headlamps_is_no_vehicle(height_m, low):
+    """By two 1-sigmas of 0.12 m: a shadow's edge measured 0.11 m, the lowest cars are 1.02 m."""
+    assert is_low(classified(0.8, 0.08, height_m, CONFIG), CONFIG) is low
 
 
 @pytest.mark.parametrize(('width_m', 'height_m'), [(1.48, 1.6), (1.4, 1.4), (1.95, 1.5)])

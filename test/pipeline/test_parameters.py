@@ -488,6 +488,7 @@ CASES: dict[str, Case] = {
     'classes.odd_height_share': Case('passing', 0.5), 'classes.odd_height_m': Case('passing', 0.5),
     'classes.edge_width_m': Case('detected at 20', 4.0, {'classes.edge_height_m': 0.5}),
     'classes.edge_height_m': Case('detected at 20', 0.5, {'classes.edge_width_m': 4.0}),
+    'classes.least_height_m': Case('detected at 20', 2.0),
     'classes.heavy_width_m': Case('short', 2.0), 'classes.still_margin': Case('passing', 1.0),
     'association.doubt_s': Case('detected at 20', 0.3),
     'association.braking_mps2': Case('detected at 20', 0.0, {'association.doubt_s': 0.3}),
