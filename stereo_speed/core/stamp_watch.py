@@ -171,8 +171,9 @@ class StampWatch:
         if len(self._intervals_s) < _PACE:
             return None
         intervals_s = np.array(self._intervals_s)
-        pace_s = _median(intervals_s)
-        return pace_s if (np.abs(intervals_s - pace_s) < _JITTER_S).all() else None
+        periods, near, pace_s = _paced(intervals_s)
+        off_s = intervals_s - periods * pace_s
+        return pace_s if near.all() and (np.abs(off_s) < _JITTER_S).all() else None
 
 
 class _Paced(NamedTuple):

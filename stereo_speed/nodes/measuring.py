@@ -312,7 +312,9 @@ class Measuring:
                 if not len(self.queue) or self.outputs.static_is_overdue:
                     self.outputs.publish_static()
                 arrival = self.queue.take(_POLL_S)
-                self.counts.skipped.add(self.queue.pop_skipped())
+                skipped = self.queue.pop_skipped()
+                self.counts.skipped.add(len(skipped))
+                self._pass_over(skipped)
                 if arrival is not None:
                     self._take(arrival)
                 elif self.arrivals.silent_for(self.settings.silence_s):
@@ -421,6 +423,7 @@ class Measuring:
                 self._process(pipeline, arrival)
             else:
                 self.counts.early.add()
+                self._pass_over([arrival])
         self.queue.ready()
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
@@ -460,13 +463,12 @@ class Measuring:
 
     def _process(self, pipeline: SpeedPipeline, arrival: _Arrival) -> None:
         """Run the pipeline on a pair and publish the results."""
-        if arrival.ns < self._last_ns:
-            self._start_anew(pipeline, arrival.ns)
-        self._last_ns = arrival.ns
+        self._mind_time(pipeline, arrival.ns)
         pair = self._pair_of(arrival)
         withheld = pair is not None and self._is_withheld(pair)
         self._mind_rig(pipeline)
         if pair is None or withheld:
+            self._tell_stamp(pipeline, arrival.ns)
             return
         detector = pipeline.detector
         while isinstance(detector, TakesBoxes) and self._boxes:
@@ -479,11 +481,8 @@ class Measuring:
         except InputError as error:
             self.refusals.add('pair', error)
             return
-        except Exception as error:  # an internal error in one pair must not stop the instrument
-            self.counts.failed.add()
-            self.refusals.add('pipeline', f'pair at {pair.stamp_ns} ns: {error!r}; all tracks '
-                              'are discarded')
-            pipeline.reset()
+        except Exception as error:
+            self._failed(pipeline, arrival.ns, error)
             return
         self.counts.passes += len(step.passes)
         self.outputs.tell(pipeline, pair, step)
@@ -522,9 +521,32 @@ class Measuring:
         rig = self.calibration.current[1]
         return self._order.crossed if rig is None else self._order.take(rig, pair)
 
-    def _start_anew(self, pipeline: SpeedPipeline, ns: int) -> None:
-        """End all passes, because time has jumped back."""
-        self.log.warning(f'stamps jumped back from {self._last_ns} to {ns} ns: starting again')
+    def _pass_over(self, skipped: Sequence[_Arrival]) -> None:
+        """Tell the pipeline, if there is one, the stamps of pairs that are skipped."""
+        if self.pipeline is not None:
+            for arrival in skipped:
+                self._mind_time(self.pipeline, arrival.ns)
+                self._tell_stamp(self.pipeline, arrival.ns)
+
+    def _tell_stamp(self, pipeline: SpeedPipeline, ns: int) -> None:
+        """Tell the pipeline the stamp of a pair that is not measured."""
+        try:
+            pipeline.pass_over(ns)
+        except Exception as error:
+            self._failed(pipeline, ns, error)
+
+    def _failed(self, pipeline: SpeedPipeline, ns: int, error: Exception) -> None:
+        """Report an internal error in one pair, which must not stop the instrument."""
+        self.counts.failed.add()
+        self.refusals.add('pipeline', f'pair at {ns} ns: {error!r}; all tracks are discarded')
+        pipeline.reset()
+
+    def _mind_time(self, pipeline: SpeedPipeline, ns: int) -> None:
+        """End all passes if time has jumped back."""
+        last_ns, self._last_ns = self._last_ns, ns
+        if ns >= last_ns:
+            return
+        self.log.warning(f'stamps jumped back from {last_ns} to {ns} ns: starting again')
         self._end_passes()
         pipeline.reset()
         self.counts.resets.add()

@@ -39,7 +39,8 @@ class PairQueue(Generic[Item]):
         self.most_wait_s, self._clock = most_wait_s, clock
         self._waiting: deque[tuple[float, Item]] = deque()
         self._most, self._changed, self._closed = most, threading.Condition(), False
-        self._skipped, self._skipped_s, self._ready_s = 0, -float('inf'), -float('inf')
+        self._skipped: list[Item] = []
+        self._skipped_s, self._ready_s = -float('inf'), -float('inf')
         self._came_s, self._between_s = -float('inf'), 0.0
         self._may_hurry, self.overloaded, self.hurried = hurry, False, False
 
@@ -53,10 +54,7 @@ class PairQueue(Generic[Item]):
             now_s = self._clock()
             self._came_s, self._between_s = now_s, now_s - self._came_s
             self._waiting.append((now_s, item))
-            skipped = max(len(self._waiting) - self._most, 0)
-            for _ in range(skipped):
-                self._waiting.popleft()
-            self._skip(skipped)
+            self._skip(len(self._waiting) - self._most)
             self._changed.notify()
 
     def take(self, timeout_s: float) -> Optional[Item]:
@@ -70,8 +68,6 @@ class PairQueue(Generic[Item]):
                 self.overloaded = False
             if self.overloaded or now_s - self._waiting[0][0] > self.most_wait_s:
                 self._skip(len(self._waiting) - 1)
-                while len(self._waiting) > 1:
-                    self._waiting.popleft()
             came_s, item = self._waiting.popleft()
             waited_s = now_s - max(came_s, self._ready_s)
             self.hurried = self._may_hurry and (
@@ -79,14 +75,15 @@ class PairQueue(Generic[Item]):
             return item
 
     def _skip(self, count: int) -> None:
-        if count:
-            self._skipped += count
+        """Skip the oldest pairs, if the count is positive."""
+        if count > 0:
+            self._skipped += [self._waiting.popleft()[1] for _ in range(count)]
             self._skipped_s, self.overloaded = self._clock(), True
 
-    def pop_skipped(self) -> int:
-        """Return how many pairs were skipped since the last call."""
+    def pop_skipped(self) -> list[Item]:
+        """Return the pairs that were skipped since the last call."""
         with self._changed:
-            skipped, self._skipped = self._skipped, 0
+            skipped, self._skipped = self._skipped, []
         return skipped
 
     def close(self) -> None:

@@ -389,6 +389,19 @@ class SpeedPipeline:
         self._state.last_ns = pair.stamp_ns
         self.doubt.steadied(pair.triggered(self.config.trigger_tolerance_s))
 
+    def pass_over(self, stamp_ns: int) -> None:
+        """
+        Register the stamp of a pair that is not measured.
+
+        So the pace of the stamps stays known, and no clock could have been set in a gap between
+        measured pairs without being noticed.
+
+        :param stamp_ns: its stamp, ns; ignored if it is not later than that of the last pair.
+        """
+        last_ns = self._state.last_ns
+        if (last_ns is None or stamp_ns > last_ns) and self.doubt.stamps.add(stamp_ns):
+            self._end_by_step()
+
     def finish(self) -> list[PassResult]:
         """
         End all tracks at the end of the stream, and return their results.

@@ -25,6 +25,13 @@ def test_missing_images_are_no_step():
     assert steps_s(PERIOD_NS * np.delete(np.arange(80), [30, 31, 45, 60, 61, 62])) == []
 
 
+def test_step_is_found_where_images_were_missing_before():
+    """They leave intervals of some periods while the pace is being learnt."""
+    stamps = PERIOD_NS * np.delete(np.arange(60), [3, 4, 9, 14, 15, 16, 22])
+    stamps[33:] += 30_000_000
+    assert steps_s(stamps) == pytest.approx([0.03])
+
+
 def test_gaps_of_whole_periods_are_remembered_until_time_jumps():
     watch = StampWatch()
     for ns in np.delete(PERIOD_NS * np.arange(100), [30, 31, *range(50, 70)]):

@@ -3,6 +3,7 @@
 """Diagnostics of a measuring node as its states change, in this process."""
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -57,7 +58,8 @@ def test_each_state_and_a_jump_of_time_are_reported(node):
     node.trigger_activate()
     assert 'inactive' not in measuring.state().message
     assert 'not checked yet' in measuring.stamps().message  # and none are said to be right
-    measuring._start_anew(SimpleNamespace(reset=lambda: None), 5)
+    for ns in (6, 5):
+        measuring._mind_time(SimpleNamespace(reset=lambda: None), ns)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
     node.trigger_deactivate()
@@ -75,6 +77,25 @@ def test_pairs_that_come_long_before_the_calibration_are_not_told_as_overload(no
     assert [arrival.ns for arrival in measuring._waiting] == list(range(10, 60))
     assert 'pairs were too old when measuring began: 10' in measuring.state().message
     measuring._waiting.clear()
+
+
+@pytest.mark.parametrize('fails', [False, True])
+def test_pipeline_is_told_the_stamps_of_skipped_pairs(node, fails):
+    """Whatever happens, none of them ends the node."""
+    node.trigger_configure()
+    measuring, told = node.measuring, []
+
+    def pass_over(ns):
+        told.append(ns)
+        if fails:
+            raise RuntimeError('some error')
+    measuring.pipeline = SimpleNamespace(
+        pass_over=pass_over, reset=partial(told.append, 'reset'), finish=list)
+    measuring._pass_over([SimpleNamespace(ns=ns) for ns in (5, 7, 6)])
+    failed = ['reset'] * fails
+    assert told == [5, *failed, 7, *failed, 'reset', 6, *failed]  # time jumped back to 6
+    assert (measuring.counts.resets.total, measuring.counts.failed.total) == (1, 3 * fails)
+    measuring.pipeline = None
 
 
 @pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])

@@ -348,6 +348,30 @@ def test_step_that_the_images_of_a_track_show_ends_the_passes(scene, monkeypatch
     assert (watch.steps, watch.last_step_s) == (1, pytest.approx(0.2)) and step not in watch.gaps
 
 
+@pytest.mark.parametrize('step_ns, steps', [(0, 0), (30_000_000, 1)])
+def test_stamps_of_skipped_pairs_leave_no_gap_and_show_steps(scene, step_ns, steps):
+    pipeline, _ = automatic(scene, scene[2][:1], {0})
+    pairs = scene[0].pairs
+    period_ns = pairs[1].stamp_ns - pairs[0].stamp_ns
+    for k in range(-21, 0):  # a pace is known after twenty intervals
+        pipeline.doubt.stamps.add(pairs[0].stamp_ns + k * period_ns)
+    for pair in pairs[:4]:
+        pipeline.process(pair)
+    pipeline.pass_over(pairs[4].stamp_ns + step_ns)
+    passes = pipeline.process(replace(pairs[5], stamp_ns=pairs[5].stamp_ns + step_ns)).passes
+    assert pipeline.doubt.stamps.steps == steps and not pipeline.doubt.stamps.gaps
+    assert [result.reason for result in passes] == ['stamps_uncertain'] * steps
+
+
+def test_stamp_of_a_skipped_pair_that_is_not_the_latest_is_ignored(scene):
+    pipeline, _ = automatic(scene, [], {})
+    first_ns = scene[0].pairs[0].stamp_ns
+    pipeline.process(scene[0].pairs[0])
+    for ns in (first_ns, first_ns - 1):
+        pipeline.pass_over(ns)
+    assert not pipeline.doubt.stamps._latest_s
+
+
 @pytest.mark.parametrize('braked_to_mps, verdict', [(0.0, 'doubted'), (5.0, 'reading')])
 def test_vehicle_that_was_hidden_has_to_move_before_it_is_read(scene, braked_to_mps, verdict):
     """What is found where a hidden vehicle was expected may be the road."""
