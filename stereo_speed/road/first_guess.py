@@ -3,7 +3,7 @@
 """An initial guess for the joint fit of a road: lines triangulated one by one, then on a plane."""
 from __future__ import annotations
 
-from typing import NamedTuple, Sequence
+from typing import NamedTuple, Optional, Sequence
 
 import numpy as np
 from numpy.polynomial import Legendre, legendre
@@ -20,7 +20,7 @@ Line = tuple[Array, Array]
 _SAMPLES = 60  # samples of each image curve, so that long and short lines count alike
 _ROUNDS = 15  # rounds of reweighting; mismatches have lost their weight after a few
 _ROLL = 1e-2  # weight of the prior of no roll, as a share of a good match's
-_FOLLOWED = 0.5  # least share of a line that its picks follow, relative to the best line
+_FOLLOWED = 0.75  # least share of a line that its picks follow, relative to the best line
 _LONGEST = 1.5  # largest half length of the road by its picks, in lengths of its longest line
 _FARTHEST = 0.98  # quantile of the matched depths, as a few matches are far off
 # Greatest depth of the road as a multiple of that quantile, which is 77 m for a line clicked from
@@ -54,19 +54,33 @@ class _Curve(NamedTuple):
         return np.stack([self.x.deriv()(s_m), self.y.deriv()(s_m)], axis=-1)
 
 
+class Guess(NamedTuple):
+    """
+    What is given of an initial guess.
+
+    :param least_half_m: smallest half length of the road, m.
+    :param plane_of: number of the line that determines the plane; None for all that their picks
+        follow.
+    """
+
+    least_half_m: float = 0.0
+    plane_of: Optional[int] = None
+
+
 def guess_road(
-        rig: StereoRig, lines: Sequence[Line], curvature_terms: int, least_half_m: float = 0.0
+        rig: StereoRig, lines: Sequence[Line], curvature_terms: int, guess: Guess = Guess()
 ) -> tuple[RoadModel, Array]:
     """
     Return a model about a guess, and the guess's parameters.
 
     :param lines: raw pixels (left (n, 2), right (m, 2)) of each line.
     :param curvature_terms: number of curvature coefficients.
-    :param least_half_m: smallest half length of the road, m.
+    :param guess: what is given of the guess.
     :raises NoRoadError: the two views have too little in common.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
-    matched = [_matched(rig, lines[i]) for i in followed]
+    in_plane = followed if guess.plane_of is None else [guess.plane_of]
+    matched = [_matched(rig, lines[i]) for i in in_plane]
     surface = _surface(rig, matched)
     most_m = _BEYOND * float(np.quantile(
         np.concatenate([found.points_m[:, 2] for found in matched]), _FARTHEST))
@@ -77,7 +91,7 @@ def guess_road(
         raise NoRoadError('the picks do not meet one road surface')
     n = surface.normal
     return _along(longest, [np.concatenate(views) for views in on_road], curvature_terms,
-                  n if n @ CAMERA_UP > 0 else -n, least_half_m)
+                  n if n @ CAMERA_UP > 0 else -n, guess.least_half_m)
 
 
 def _followed(lines: Sequence[Line]) -> list[int]:

@@ -20,21 +20,24 @@ the three angles of the rotation are unknowns as well.
 """
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Mapping, Optional
 
 import numpy as np
 
 from .evidence import best_of, either, with_rivals
 from .families import explored, MOST
-from .first_guess import guess_road, NoRoadError
+from .first_guess import Guess, guess_road, NoRoadError
 from .fitted import RoadFit
 from .problem import DriftPrior, Picks, REACH, RoadPrior, RoadProblem
 from .solving import reshaped, same_family, solve
 from .wander_search import asked_of, loosened
 from ..core.records import Array
+from ..estimation.robust import robust_std
 from ..geometry.rig import StereoRig
 
-# Scatter in 1-sigmas that not even 30 picks reach by chance; a longer road may explain it.
+# Scatter in 1-sigmas that not even 30 picks reach by chance; a road that is longer, or found from
+# another guess, may explain it.
 _ASTRAY = 1.5
 # Reach of the road in distances of the last node: up to there the cubic through the last nodes
 # extrapolates within 2 mm, even on an arc of 41 m radius.
@@ -76,20 +79,26 @@ def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
 def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
               drift: Optional[DriftPrior], prior: RoadPrior, most: int) -> RoadFit:
     """
-    Fit roads of increasing length until one reaches its picks; return that of greatest evidence.
+    Fit roads from guesses until one reaches its picks; return that of greatest evidence.
 
     The initial guess lies in a plane, which may intersect the rays of far picks too early and so
-    be too short.  The other arguments are those of :func:`fit_road`.
+    be too short: longer roads are tried.  Or the plane is wrong, as curves through the picks of
+    some lines are where these have gaps in a sharp bend: planes of single lines are tried.  The
+    other arguments are those of :func:`fit_road`.
 
     :param most: largest number of curvature coefficients.
     """
-    tries = [_from_guesses(rig, lines, picks, drift, prior, most, 0.0)]
-    while len(tries) < _LENGTHS and not _reaches(tries[-1]):
-        half_m = _LONGER * _farthest_m(tries[-1])
-        try:
-            tries.append(_from_guesses(rig, lines, picks, drift, prior, most, half_m))
-        except (NoRoadError, np.linalg.LinAlgError):  # the road is too long for its picks
+    def attempt(guess: Guess) -> RoadFit:
+        return _from_guesses(rig, lines, picks, drift, prior, most, guess)
+    tries = [attempt(Guess())]
+    with suppress(NoRoadError, np.linalg.LinAlgError):  # the road is too long for its picks
+        while len(tries) < _LENGTHS and not _reaches(tries[-1]):
+            tries.append(attempt(Guess(least_half_m=_LONGER * _farthest_m(tries[-1]))))
+    for number in range(len(lines)):
+        if min(robust_std(fit.feet.residual_px) for fit in tries) < _ASTRAY * prior.pick_std_px:
             break
+        with suppress(NoRoadError, np.linalg.LinAlgError):  # the line alone gives none
+            tries.append(attempt(Guess(plane_of=number)))
     return best_of(tries)
 
 
@@ -106,23 +115,23 @@ def _farthest_m(fit: RoadFit) -> float:
 
 
 def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
-                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, least_half_m: float
+                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, guess: Guess
                   ) -> RoadFit:
     """
     Fit one road from guesses; the other arguments are those of :func:`fit_road`.
 
     :param most: largest number of curvature coefficients.
-    :param least_half_m: smallest half length of the road, m.
+    :param guess: what is given of them.
     """
     if picks.are_precise(prior):
         # With precise picks the cost has many local minima; fit with the 1-sigma of clicks first.
         clicks = Picks.of(lines, None, prior.pick_std_px)
-        near = _from_guesses(rig, lines, clicks, drift, prior, most, least_half_m)
+        near = _from_guesses(rig, lines, clicks, drift, prior, most, guess)
         return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from a guess of its own
-        model, start = guess_road(rig, list(lines.values()), terms, least_half_m)
+        model, start = guess_road(rig, list(lines.values()), terms, guess)
         fits.append(solve(RoadProblem(rig, picks, model, drift, prior),
                           np.append(start, rotated)))
     if most < 1:

@@ -81,3 +81,39 @@ def test_road_through_a_sag_is_as_long_as_its_visible_part(make_scene):
     for terms in (0, 1, 2):
         assert guess_road(rig, list(lines.values()), terms)[0].half_length_m < 100
     assert fit_road(rig, lines).residual_px.max() < 0.3
+
+
+def on_a_bend(rig, side_m, far_rad, shares):
+    """
+    Return picks of a line of a sharp bend, beside its middle of 77 m radius, at shares of its view.
+
+    The bend turns back in the images, at 54 m from the camera, which is 2.9 m above its plane.
+    """
+    angle = np.linspace(far_rad, -0.6, 6000)
+    radius_m = 77 + side_m
+    points = np.stack([radius_m * np.cos(angle) - 75, np.full_like(angle, 2.9),
+                       radius_m * np.sin(angle) + 54], axis=-1)
+    picks = []
+    for view in rig.project(points)[:2]:
+        seen = view[(view > 5).all(axis=-1) & (view < [1018, 762]).all(axis=-1)]
+        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(seen, axis=0), axis=-1)))
+        picks.append(np.stack([np.interp(np.array(shares) * along[-1], along, column)
+                               for column in seen.T], axis=-1))
+    return tuple(picks)
+
+
+DASH = np.linspace(0, 0.04, 4)
+
+
+@pytest.mark.parametrize(('far_rad', 'begin', 'dashes', 'hidden'), [
+    (1.5, 0.02, (0.2, 0.45, 0.9), 0.5), (1.2, 0.02, (0.2, 0.45, 0.9), 0.6),
+    (1.0, 0.02, (0.2, 0.45, 0.9), 0.6), (0.9, 0.02, (0.2, 0.45, 0.9), 0.4),
+    (0.9, 0.23, (0.22, 0.38, 0.75), 0.4), (1.2, 0.19, (0.14, 0.72, 0.77), 0.44)])
+def test_sharp_bend_is_found_by_lines_with_gaps(make_scene, far_rad, begin, dashes, hidden):
+    """Of one line three dashes were found, of another a fifth: curves through them go astray."""
+    rig = make_scene().rig
+    lines = {
+        'solid': on_a_bend(rig, -3.5, far_rad, [0, *np.linspace(begin, 1, 41)]),
+        'dashed': on_a_bend(rig, 0.0, far_rad, [0, *np.add.outer(dashes, DASH).ravel(), 1]),
+        'hidden': on_a_bend(rig, 3.5, far_rad, [0, *np.linspace(hidden, hidden + 0.2, 12), 1])}
+    assert fit_road(rig, lines).residual_px.max() < 0.3
