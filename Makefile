@@ -26,7 +26,7 @@ KILLS := kill_tracker_node kill_stereo_sync_node kill_speed_node
 # how many times its limit a silence after a fault may last before the row fails
 SLACK := 5
 # how often a row that failed is played again; never one with wrong results
-AGAIN := 1
+AGAIN := 2
 # of make release-check: --draft leaves out clean tree and versions
 RELEASE :=
 # each core has a program of its own already: libraries with a thread for each would wait in turns

@@ -29,8 +29,8 @@ def test_fault_that_cannot_be_played_is_refused(words, match):
         faults.run(parsed(*words))
 
 
-def test_slack_is_three_and_at_least_one(capsys):
-    assert parsed().slack == 3.0
+def test_slack_is_five_and_at_least_one(capsys):
+    assert parsed().slack == 5.0
     with pytest.raises(SystemExit):
         parsed('--slack', '0.5')
     assert 'not in [1, 100]' in capsys.readouterr().err
