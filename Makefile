@@ -24,7 +24,7 @@ FAULTS :=
 # and to three nodes; none where it is empty
 KILLS := kill_tracker_node kill_stereo_sync_node kill_speed_node
 # how many times its limit a silence after a fault may last before the row fails
-SLACK := 5
+SLACK := 4
 # how often a row that failed is played again; never one with wrong results
 AGAIN := 2
 # of make release-check: --draft leaves out clean tree and versions

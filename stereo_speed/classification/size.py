@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .classes import classified, is_edge
+from .classes import classified, is_edge, is_low
 from ..core.passes import VehicleKind
 from ..core.records import Array, StereoPair, TrackUpdate
 from ..core.tracker_config import ClassConfig
@@ -110,8 +110,9 @@ class VehicleSize:
     """
     Keeps some pairs that show one vehicle, and measures its size in them.
 
-    ``may_be_edge`` is whether a detected front may be only an edge of a vehicle, by the pairs so
-    far: it is narrow, and as high as no two-wheeler, or its height is not known yet.
+    ``may_be_edge`` is whether a detected front may be only an edge, of a vehicle or its shadow, by
+    the pairs so far: it is narrow, and as high or low as no two-wheeler, or its height is not
+    known yet.
 
     :param rig: the rig.
     :param lane: lane whose path the vehicle's positions refer to.
@@ -156,7 +157,8 @@ class VehicleSize:
         elif range_m * self._search.least_range_ratio <= self._looked_m:
             self._looked_m, self._looks, found = range_m, self._looks + 1, self.measured()
             self.may_be_edge = found is not None and (
-                is_edge(found, self.config) if found.height_m is not None else
+                is_edge(found, self.config) or is_low(found, self.config)
+                if found.height_m is not None else
                 found.width_m < self.config.edge_width_m and self._looks < _LOOKS)
 
     def measured(self) -> Optional[VehicleKind]:

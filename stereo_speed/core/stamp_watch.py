@@ -54,20 +54,20 @@ class StampWatch:
     A stream with uneven intervals has no pace, so no steps are found in it. Missing images leave
     gaps of whole periods, which are not steps; whether the clock was set forward by a whole number
     of periods is for the images to tell (``tracking.clock_step``). ``steps`` counts the steps,
-    ``last_step_s`` is the newest one. ``gaps`` are the latest gaps.
+    ``last_step_s`` is the newest one. ``gaps`` are the latest gaps, ``last_ns`` is the last stamp.
     """
 
     def __init__(self) -> None:
         self._intervals_s: deque[float] = deque(maxlen=_PACE)
         self._latest_s: deque[float] = deque(maxlen=_PACE)  # undivided intervals, without steps
-        self._last_ns: Optional[int] = None
+        self.last_ns: Optional[int] = None
         self.steps, self.last_step_s = 0, 0.0
         self.gaps: deque[Gap] = deque(maxlen=_GAPS)
         self._odd: dict[tuple[float, float, float], float] = {}  # odd_share at the newest stamp
 
     def add(self, ns: int) -> float:
         """Add the next stamp; return the step of the clock before it, s, 0 for none."""
-        last_ns, self._last_ns = self._last_ns, ns
+        last_ns, self.last_ns = self.last_ns, ns
         self._odd.clear()
         if last_ns is None:
             return 0.0
@@ -97,7 +97,7 @@ class StampWatch:
 
     def restart(self) -> None:
         """Forget the last stamp and the gaps, because time has jumped."""
-        self._last_ns = None
+        self.last_ns = None
         self.gaps.clear()
 
     def unevenness_s(self, most_s: float) -> Optional[float]:

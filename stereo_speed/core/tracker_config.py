@@ -294,7 +294,7 @@ class ClassConfig(CheckedRecord):
     least_height_m: float = parameter(
         0.5, 0.0, 2.0, 'm', 'a detected front of which nothing is seen to move above this, by two '
         '1-sigmas of the height, is no vehicle; headlamps are at least 0.5 m above the road (UN '
-        'Regulation 48)')
+        'Regulation 48); 0 disables it')
     motorcycle_width_m: float = parameter(
         0.65, 0.1, 4.0, 'm', 'mean width of the fronts of motorcycles')
     motorcycle_width_std_m: float = parameter(0.15, 0.01, 1.0, 'm', 'its 1-sigma among them')

@@ -282,7 +282,7 @@ class Measuring:
         if ns < self._offered_ns:
             self._index = 0
         self.arrivals.add()
-        self.queue.put(_Arrival(self._index, ns, time.monotonic(), pair))
+        self.queue.put(_Arrival(self._index, ns, time.monotonic(), pair), ns)
         self._index, self._offered_ns = self._index + 1, ns
 
     def check(self) -> None:
@@ -311,10 +311,7 @@ class Measuring:
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
                 if not len(self.queue) or self.outputs.static_is_overdue:
                     self.outputs.publish_static()
-                arrival = self.queue.take(_POLL_S)
-                skipped = self.queue.pop_skipped()
-                self.counts.skipped.add(len(skipped))
-                self._pass_over(skipped)
+                arrival = self._next(_POLL_S)
                 if arrival is not None:
                     self._take(arrival)
                 elif self.arrivals.silent_for(self.settings.silence_s):
@@ -327,7 +324,7 @@ class Measuring:
 
     def _drain(self) -> None:
         """Finish the pairs that arrived before the node was told to stop."""
-        while (arrival := self.queue.take(0.0)) is not None:
+        while (arrival := self._next(0.0)) is not None:
             self._take(arrival)
         if self._waiting:
             self.log.warning(f'{len(self._waiting)} pairs were not measured: '
@@ -378,6 +375,14 @@ class Measuring:
             self._solving.close()
             self._solving = None
 
+    def _next(self, timeout_s: float) -> Optional[_Arrival]:
+        """Return the pair to measure next, if one comes in time; count those skipped before."""
+        arrival, skipped_ns = self.queue.take(timeout_s), self.queue.skipped_ns
+        self.counts.skipped.add(len(skipped_ns))
+        for ns in skipped_ns:
+            self._pass_over(ns)
+        return arrival
+
     def _take(self, arrival: _Arrival) -> None:
         """Measure a pair, or keep it until the pipeline can be made."""
         if self._unusable:
@@ -423,7 +428,7 @@ class Measuring:
                 self._process(pipeline, arrival)
             else:
                 self.counts.early.add()
-                self._pass_over([arrival])
+                self._pass_over(arrival.ns)
         self.queue.ready()
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
@@ -521,12 +526,11 @@ class Measuring:
         rig = self.calibration.current[1]
         return self._order.crossed if rig is None else self._order.take(rig, pair)
 
-    def _pass_over(self, skipped: Sequence[_Arrival]) -> None:
-        """Tell the pipeline, if there is one, the stamps of pairs that are skipped."""
+    def _pass_over(self, ns: int) -> None:
+        """Tell the pipeline, if there is one, the stamp of a pair that is skipped."""
         if self.pipeline is not None:
-            for arrival in skipped:
-                self._mind_time(self.pipeline, arrival.ns)
-                self._tell_stamp(self.pipeline, arrival.ns)
+            self._mind_time(self.pipeline, ns)
+            self._tell_stamp(self.pipeline, ns)
 
     def _tell_stamp(self, pipeline: SpeedPipeline, ns: int) -> None:
         """Tell the pipeline the stamp of a pair that is not measured."""

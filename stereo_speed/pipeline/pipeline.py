@@ -217,7 +217,7 @@ class SpeedPipeline:
         return self._restart(updates) if lag.changes_s > changes_s else updates
 
     def _check_order(self, pair: StereoPair) -> None:
-        last_ns = self._state.last_ns
+        last_ns = self.doubt.stamps.last_ns
         if last_ns is not None and pair.stamp_ns <= last_ns:
             raise InputError('pairs', f'stamp of pair {pair.index}', pair.stamp_ns,
                              f'later than {last_ns}')
@@ -229,10 +229,10 @@ class SpeedPipeline:
         :raises InputError: the images do not have the calibrated size.
         """
         self._state.last_ns = pair.stamp_ns
-        self._check_size(pair)
         doubt = self.doubt
         if doubt.stamps.add(pair.stamp_ns):
             self._end_by_step()
+        self._check_size(pair)
         self._starter.stamp_std_s = doubt.see_stamps()
         gaps = tuple(doubt.stamps.gaps)
         step = doubt.clock_step(gaps)
@@ -396,10 +396,10 @@ class SpeedPipeline:
         So the pace of the stamps stays known, and no clock could have been set in a gap between
         measured pairs without being noticed.
 
-        :param stamp_ns: its stamp, ns; ignored if it is not later than that of the last pair.
+        :param stamp_ns: its stamp, ns; ignored if it is not later than the last one.
         """
-        last_ns = self._state.last_ns
-        if (last_ns is None or stamp_ns > last_ns) and self.doubt.stamps.add(stamp_ns):
+        stamps = self.doubt.stamps
+        if (stamps.last_ns is None or stamp_ns > stamps.last_ns) and stamps.add(stamp_ns):
             self._end_by_step()
 
     def finish(self) -> list[PassResult]:

@@ -54,9 +54,9 @@ class _Curve(NamedTuple):
         return np.stack([self.x.deriv()(s_m), self.y.deriv()(s_m)], axis=-1)
 
 
-class Guess(NamedTuple):
+class Hints(NamedTuple):
     """
-    What is given of an initial guess.
+    Hints for an initial guess.
 
     :param least_half_m: smallest half length of the road, m.
     :param plane_of: number of the line that determines the plane; None for all that their picks
@@ -68,18 +68,18 @@ class Guess(NamedTuple):
 
 
 def guess_road(
-        rig: StereoRig, lines: Sequence[Line], curvature_terms: int, guess: Guess = Guess()
+        rig: StereoRig, lines: Sequence[Line], curvature_terms: int, hints: Hints = Hints()
 ) -> tuple[RoadModel, Array]:
     """
     Return a model about a guess, and the guess's parameters.
 
     :param lines: raw pixels (left (n, 2), right (m, 2)) of each line.
     :param curvature_terms: number of curvature coefficients.
-    :param guess: what is given of the guess.
+    :param hints: see :class:`Hints`.
     :raises NoRoadError: the two views have too little in common.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
-    in_plane = followed if guess.plane_of is None else [guess.plane_of]
+    in_plane = followed if hints.plane_of is None else [hints.plane_of]
     matched = [_matched(rig, lines[i]) for i in in_plane]
     surface = _surface(rig, matched)
     most_m = _BEYOND * float(np.quantile(
@@ -91,7 +91,7 @@ def guess_road(
         raise NoRoadError('the picks do not meet one road surface')
     n = surface.normal
     return _along(longest, [np.concatenate(views) for views in on_road], curvature_terms,
-                  n if n @ CAMERA_UP > 0 else -n, guess.least_half_m)
+                  n if n @ CAMERA_UP > 0 else -n, hints.least_half_m)
 
 
 def _followed(lines: Sequence[Line]) -> list[int]:

@@ -27,7 +27,7 @@ import numpy as np
 
 from .evidence import best_of, either, with_rivals
 from .families import explored, MOST
-from .first_guess import Guess, guess_road, NoRoadError
+from .first_guess import guess_road, Hints, NoRoadError
 from .fitted import RoadFit
 from .problem import DriftPrior, Picks, REACH, RoadPrior, RoadProblem
 from .solving import reshaped, same_family, solve
@@ -79,7 +79,7 @@ def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
 def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
               drift: Optional[DriftPrior], prior: RoadPrior, most: int) -> RoadFit:
     """
-    Fit roads from guesses until one reaches its picks; return that of greatest evidence.
+    Fit roads until one reaches its picks and agrees with them; return that of greatest evidence.
 
     The initial guess lies in a plane, which may intersect the rays of far picks too early and so
     be too short: longer roads are tried.  Or the plane is wrong, as curves through the picks of
@@ -88,17 +88,17 @@ def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: P
 
     :param most: largest number of curvature coefficients.
     """
-    def attempt(guess: Guess) -> RoadFit:
-        return _from_guesses(rig, lines, picks, drift, prior, most, guess)
-    tries = [attempt(Guess())]
+    def attempt(hints: Hints) -> RoadFit:
+        return _from_guesses(rig, lines, picks, drift, prior, most, hints)
+    tries = [attempt(Hints())]
     with suppress(NoRoadError, np.linalg.LinAlgError):  # the road is too long for its picks
         while len(tries) < _LENGTHS and not _reaches(tries[-1]):
-            tries.append(attempt(Guess(least_half_m=_LONGER * _farthest_m(tries[-1]))))
+            tries.append(attempt(Hints(least_half_m=_LONGER * _farthest_m(tries[-1]))))
     for number in range(len(lines)):
-        if min(robust_std(fit.feet.residual_px) for fit in tries) < _ASTRAY * prior.pick_std_px:
+        if any(map(_agrees, tries)):
             break
         with suppress(NoRoadError, np.linalg.LinAlgError):  # the line alone gives none
-            tries.append(attempt(Guess(plane_of=number)))
+            tries.append(attempt(Hints(plane_of=number)))
     return best_of(tries)
 
 
@@ -108,6 +108,12 @@ def _reaches(fit: RoadFit) -> bool:
             or fit.scale < _ASTRAY)
 
 
+def _agrees(fit: RoadFit) -> bool:
+    """Return whether most picks of each line lie on a road as closely as clicks would."""
+    line, most_px = fit.problem.picks.line, _ASTRAY * fit.problem.prior.pick_std_px
+    return all(robust_std(fit.feet.residual_px[line == i]) < most_px for i in np.unique(line))
+
+
 def _farthest_m(fit: RoadFit) -> float:
     """Return the second largest distance of a line's feet from the middle, of any line, m."""
     line = fit.problem.picks.line
@@ -115,23 +121,23 @@ def _farthest_m(fit: RoadFit) -> float:
 
 
 def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
-                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, guess: Guess
+                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, hints: Hints
                   ) -> RoadFit:
     """
     Fit one road from guesses; the other arguments are those of :func:`fit_road`.
 
     :param most: largest number of curvature coefficients.
-    :param guess: what is given of them.
+    :param hints: hints for the guesses.
     """
     if picks.are_precise(prior):
         # With precise picks the cost has many local minima; fit with the 1-sigma of clicks first.
         clicks = Picks.of(lines, None, prior.pick_std_px)
-        near = _from_guesses(rig, lines, clicks, drift, prior, most, guess)
+        near = _from_guesses(rig, lines, clicks, drift, prior, most, hints)
         return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
     for terms in range(max(min(most, 2), 0) + 1):  # each from a guess of its own
-        model, start = guess_road(rig, list(lines.values()), terms, guess)
+        model, start = guess_road(rig, list(lines.values()), terms, hints)
         fits.append(solve(RoadProblem(rig, picks, model, drift, prior),
                           np.append(start, rotated)))
     if most < 1:

@@ -21,7 +21,7 @@ def solve(problem: RoadProblem, start: Array) -> RoadFit:
     """Fit one model from a start, at which no line wanders."""
     if problem.wander is not None:
         start = np.append(start[:problem.size], np.zeros(problem.wander.count))
-    if not np.isfinite(problem.residuals(start)).all():
+    if not (np.isfinite(start).all() and np.isfinite(problem.residuals(start)).all()):
         raise NoRoadError('the picks give no road to start from')
     result = least_squares(
         problem.residuals, start, jac=problem.jacobian, loss='soft_l1', f_scale=ROBUST,

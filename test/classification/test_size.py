@@ -146,6 +146,17 @@ def test_narrow_front_of_something_high_is_an_edge(kind, share, marked_std_px, e
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('height_m', 'edge'), [(0.11, True), (0.4, False)])
+def test_narrow_front_of_something_low_is_an_edge_of_a_shadow(monkeypatch, height_m, edge):
+    rig, lane, rows = drawn('motorcycle')
+    monkeypatch.setattr(VehicleSize, '_height_m', lambda *_: height_m)
+    size = VehicleSize(rig, lane, CONFIG)
+    for pair, update in rows:
+        size.take(pair, update)
+    assert size.may_be_edge is edge
+
+
+@pytest.mark.slow
 def test_narrow_front_whose_height_stays_unknown_is_no_edge():
     """In the dark the top of a motorcycle does not show."""
     rig, lane, rows = drawn('motorcycle')

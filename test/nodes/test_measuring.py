@@ -91,7 +91,8 @@ def test_pipeline_is_told_the_stamps_of_skipped_pairs(node, fails):
             raise RuntimeError('some error')
     measuring.pipeline = SimpleNamespace(
         pass_over=pass_over, reset=partial(told.append, 'reset'), finish=list)
-    measuring._pass_over([SimpleNamespace(ns=ns) for ns in (5, 7, 6)])
+    for ns in (5, 7, 6):
+        measuring._pass_over(ns)
     failed = ['reset'] * fails
     assert told == [5, *failed, 7, *failed, 'reset', 6, *failed]  # time jumped back to 6
     assert (measuring.counts.resets.total, measuring.counts.failed.total) == (1, 3 * fails)
@@ -117,7 +118,7 @@ def test_with_hurrying_disabled_no_pair_is_hurried(in_process, sample):
         node.trigger_deactivate()  # its thread takes no pairs from here on
         queue, now_s = node.measuring.queue, [0.0]
         queue._clock = lambda: now_s[0]
-        queue.put('pair')
+        queue.put('pair', 0)
         now_s[0] = 1.0
         assert queue.take(0.0) == 'pair' and not queue.hurried
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from weakref import ref
 
 import pytest
 from stereo_speed.nodes.pair_queue import PairQueue, RECOVER_S
@@ -27,7 +28,7 @@ def served(period_s, work_s, pairs, most_wait_s=1.0):
     while coming < pairs or len(queue):
         if coming < pairs and (coming * period_s <= free_s or not len(queue)):
             clock.s = coming * period_s
-            queue.put((clock.s, coming))
+            queue.put((clock.s, coming), coming)
             coming += 1
             continue
         clock.s = free_s = max(free_s, clock.s)
@@ -35,7 +36,7 @@ def served(period_s, work_s, pairs, most_wait_s=1.0):
         out.append(number)
         delays.append(free_s + work_s - came_s)
         free_s += work_s
-        skipped += len(queue.pop_skipped())
+        skipped += len(queue.skipped_ns)
     return out, delays, skipped
 
 
@@ -49,9 +50,9 @@ def test_short_delay_is_caught_up():
     queue = PairQueue(1.0, 100, clock)
     for k in range(20):
         clock.s = 0.033 * k
-        queue.put(k)
+        queue.put(k, k)
     assert [queue.take(0.0) for _ in range(20)] == list(range(20))
-    assert not queue.overloaded and queue.pop_skipped() == []
+    assert not queue.overloaded and queue.skipped_ns == []
 
 
 @pytest.mark.parametrize('work_s', [0.05, 0.1, 0.3])
@@ -66,13 +67,13 @@ def test_overload_serves_the_newest_and_counts_the_others(work_s):
 def test_nothing_is_skipped_after_the_overload():
     clock = Clock()
     queue = PairQueue(0.5, 100, clock)
-    queue.put(0)
-    queue.put(1)
+    queue.put(0, 0)
+    queue.put(1, 1)
     clock.s = 1.0
-    assert queue.take(0.0) == 1 and queue.overloaded and queue.pop_skipped() == [0]
+    assert queue.take(0.0) == 1 and queue.overloaded and queue.skipped_ns == [0]
     clock.s += RECOVER_S + 0.1
-    queue.put(2)
-    queue.put(3)
+    queue.put(2, 2)
+    queue.put(3, 3)
     assert [queue.take(0.0), queue.take(0.0)] == [2, 3] and not queue.overloaded
 
 
@@ -88,7 +89,7 @@ def hurried_stream(work_s, lasts_s, most_wait_s=2.0, starts_s=0.0, period_s=0.03
     while free_s < lasts_s:
         while coming * period_s <= free_s or not len(queue):
             clock.s = coming * period_s
-            queue.put(coming * period_s)
+            queue.put(coming * period_s, coming)
             coming += 1
         clock.s = free_s = max(free_s, clock.s)
         came_s = queue.take(0.0)
@@ -116,14 +117,16 @@ def test_fast_worker_hurries_no_pair_despite_jitter():
     queue = PairQueue(2.0, 100, clock)
     for k in range(100):
         clock.s = 0.033 * k + 0.015 * (k % 2)  # two arrive near to each other
-        queue.put(k)
+        queue.put(k, k)
         clock.s += 0.01
         assert queue.take(0.0) == k and not queue.hurried
 
 
 def test_worker_that_keeps_up_only_when_hurried_serves_all_soon():
     out, queue = hurried_stream(lambda s, hurried: 0.012 if hurried else 0.045, 60.0)
-    assert queue.pop_skipped() == [] and max(waited for _, waited, _ in out) < 0.05
+    came_s = [at_s - waited for at_s, waited, _ in out]
+    assert came_s == pytest.approx([0.033 * k for k in range(len(out))])  # all of them
+    assert max(waited for _, waited, _ in out) < 0.05
     assert 0.2 < sum(hurried for *_, hurried in out) / len(out) < 0.6
 
 
@@ -135,7 +138,7 @@ def test_after_a_slow_start_only_long_waiting_pairs_are_hurried():
 def test_pair_that_waited_only_for_the_start_is_not_hurried():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock)
-    queue.put('pair')
+    queue.put('pair', 0)
     clock.s = 1.5
     queue.ready()
     clock.s = 1.51
@@ -154,7 +157,7 @@ def test_hurrying_can_be_disabled():
     clock = Clock()
     queue = PairQueue(2.0, 100, clock, hurry=False)
     for wait_s in (0.3, 1.0, 3.0):
-        queue.put('pair')
+        queue.put('pair', 0)
         clock.s += wait_s
         assert queue.take(0.0) == 'pair' and not queue.hurried
 
@@ -162,11 +165,21 @@ def test_hurrying_can_be_disabled():
 def test_number_of_waiting_pairs_is_limited():
     queue = PairQueue(60.0, 3, Clock())
     for k in range(5):
-        queue.put(k)
-    assert queue.take(0.0) == 4 and queue.pop_skipped() == [0, 1, 2, 3]
+        queue.put(k, k)
+    assert queue.take(0.0) == 4 and queue.skipped_ns == [0, 1, 2, 3]
 
 
 def test_waiting_reader_is_woken_at_the_end_of_the_stream():
     queue = PairQueue(1.0, 3)
     threading.Timer(0.05, queue.close).start()
     assert queue.take(10.0) is None
+
+
+def test_skipped_pair_is_not_kept():
+    """Its images would fill the memory while the measuring thread is busy."""
+    queue, pair = PairQueue(60.0, 1, Clock()), Clock()
+    gone = ref(pair)
+    queue.put(pair, 0)
+    queue.put(None, 1)
+    del pair
+    assert gone() is None

@@ -8,6 +8,8 @@ import math
 
 import numpy as np
 import pytest
+from stereo_speed.classification.classes import classified
+from stereo_speed.classification.size import VehicleSize
 from stereo_speed.core.errors import InputError
 from stereo_speed.core.passes import PassResult, Reason, Verdict
 from stereo_speed.core.records import TrackState, TrackUpdate
@@ -314,6 +316,20 @@ def test_flat_marking_is_not_published(scene, found, monkeypatch):
         assert TrackState.CONFIRMED in states
 
 
+@pytest.mark.parametrize('found', [False, True])
+def test_object_that_is_lower_than_any_vehicle_is_rejected(scene, found, monkeypatch):
+    """An annotation is trusted."""
+    low = classified(0.8, 0.08, 0.11, TrackerConfig().classes)
+    monkeypatch.setattr(VehicleSize, 'measured', lambda _: low)
+    sequence, lanes, marks = scene
+    pipeline = automatic(scene, marks[:1], {0})[0] if found else SpeedPipeline(
+        sequence.rig, lanes, TrackerConfig(), start, annotations=marks[:1])
+    for pair in sequence.pairs:
+        pipeline.process(pair)
+    assert [(p.verdict, p.reason) for p in pipeline.finish()] == [
+        ('rejected', 'implausible') if found else ('measured', '')]
+
+
 def test_tracker_is_told_the_gaps_of_the_stream_before_its_result(scene, monkeypatch):
     """Only its images can tell missing ones from a clock that was set forward by whole periods."""
     sequence, lanes, marks = scene
@@ -367,9 +383,11 @@ def test_stamp_of_a_skipped_pair_that_is_not_the_latest_is_ignored(scene):
     pipeline, _ = automatic(scene, [], {})
     first_ns = scene[0].pairs[0].stamp_ns
     pipeline.process(scene[0].pairs[0])
-    for ns in (first_ns, first_ns - 1):
+    for ns in (first_ns, first_ns - 1, first_ns + 2, first_ns + 1):
         pipeline.pass_over(ns)
-    assert not pipeline.doubt.stamps._latest_s
+    assert list(pipeline.doubt.stamps._latest_s) == [2e-9]
+    with pytest.raises(InputError, match=f'later than {first_ns + 2}'):
+        pipeline.process(replace(scene[0].pairs[1], stamp_ns=first_ns + 1))
 
 
 @pytest.mark.parametrize('braked_to_mps, verdict', [(0.0, 'doubted'), (5.0, 'reading')])

@@ -13,7 +13,7 @@ from typing import Mapping, NamedTuple, Optional
 
 OK, WARN, ERROR = range(3)  # levels of DiagnosticStatus
 ALWAYS_S = 1e6
-SLACK = 5.0  # a machine may be this much slower than the limits of silence ask for
+SLACK = 4.0  # a machine may be this much slower than the limits of silence ask for
 
 # Why a level of OK is right, or a silence of more than 2 s.
 _FULL_SIZE = 'large images go through the socket, and those lost are counted'

@@ -62,8 +62,10 @@ def run(args: argparse.Namespace) -> int:
     traffic = recorded(args.traffic)
     private_graph()
     print(HEADING, flush=True)
-    as_expected = [_play_and_tell(playing(name, args), traffic, args) for name in names]
-    return 0 if all(as_expected) else 1
+    failed = [name for name in names if not _play_and_tell(playing(name, args), traffic, args)]
+    if failed:
+        print(f'FAILED: {", ".join(failed)}', file=sys.stderr)
+    return 1 if failed else 0
 
 
 def recorded(folder: Path) -> Recorded:

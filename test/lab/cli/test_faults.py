@@ -29,8 +29,8 @@ def test_fault_that_cannot_be_played_is_refused(words, match):
         faults.run(parsed(*words))
 
 
-def test_slack_is_five_and_at_least_one(capsys):
-    assert parsed().slack == 5.0
+def test_slack_is_four_and_at_least_one(capsys):
+    assert parsed().slack == 4.0
     with pytest.raises(SystemExit):
         parsed('--slack', '0.5')
     assert 'not in [1, 100]' in capsys.readouterr().err
@@ -53,7 +53,8 @@ def test_late_row_is_played_again_and_a_wrong_one_is_not(
     assert faults.run(parsed('--single', '--fault', 'black', '--again', '1')) == status
     out, err = capsys.readouterr()
     assert out.count('| `black`') == played
-    assert err.count('FAILED') == played - (status == 0)
+    assert err.count(': FAILED: ') == played - (status == 0)
+    assert err.endswith('\nFAILED: black\n') is (status == 1)  # once more, after all rows
 
 
 def test_trial_keeps_times_of_its_own():
