@@ -47,8 +47,8 @@ class PairQueue(Generic[Item]):
     :param hurry: whether pairs are hurried before any are skipped.
     :param clock: steady time, s.
 
-    ``hurried`` tells whether the pair that was taken last is hurried, ``skipped_ns`` are the stamps
-    of the pairs that were skipped before it; empty if none was there to take.
+    ``hurried`` tells whether the pair that was taken last is hurried, ``skipped_ns`` are the
+    stamps of the pairs that were skipped before it; empty if none was there to take.
     """
 
     def __init__(self, most_wait_s: float, most: int,

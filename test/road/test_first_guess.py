@@ -85,7 +85,7 @@ def test_road_through_a_sag_is_as_long_as_its_visible_part(make_scene):
 
 def on_a_bend(rig, side_m, far_rad, shares):
     """
-    Return picks of a line of a sharp bend, beside its middle of 77 m radius, at shares of its view.
+    Return picks of a line beside a bend of 77 m radius, at shares of its curve in the images.
 
     The bend turns back in the images, at 54 m from the camera, which is 2.9 m above its plane.
     """
