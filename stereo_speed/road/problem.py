@@ -339,13 +339,12 @@ class RoadProblem:
         """
         Return the places of coefficients by which the curvature changes by an unknown scale.
 
-        There are none if the picks are no more precise than clicks, which cannot show slight
-        changes.  The scales count where families are compared; a fit itself has the largest one.
+        The scales count where families are compared; a fit itself has the largest one.
 
         :param shape: a family whose curvature has no more coefficients than that of the model.
         """
         first = self.model.places.curvature.start + 1
-        count = max(shape.curvature - 1, 0) * self.picks.are_precise(self.prior)
+        count = max(shape.curvature - 1, 0)
         return slice(first, first + count)
 
     def change_std(self, changes: slice) -> Array:
