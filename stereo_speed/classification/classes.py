@@ -48,6 +48,11 @@ def classified(width_m: float, width_std_m: float, height_m: Optional[float],
         width_m, width_std_m, height_m, None if height_m is None else config.height_std_m)
 
 
+def is_no_vehicle(vehicle: VehicleKind, config: ClassConfig) -> bool:
+    """Return whether width and height of the measured object are those of no vehicle."""
+    return is_edge(vehicle, config) or is_low(vehicle, config)
+
+
 def is_edge(vehicle: VehicleKind, config: ClassConfig) -> bool:
     """
     Return whether the measured object is only an edge of a vehicle.

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .classes import classified, is_edge, is_low
+from .classes import classified, is_no_vehicle
 from ..core.passes import VehicleKind
 from ..core.records import Array, StereoPair, TrackUpdate
 from ..core.tracker_config import ClassConfig
@@ -157,8 +157,7 @@ class VehicleSize:
         elif range_m * self._search.least_range_ratio <= self._looked_m:
             self._looked_m, self._looks, found = range_m, self._looks + 1, self.measured()
             self.may_be_edge = found is not None and (
-                is_edge(found, self.config) or is_low(found, self.config)
-                if found.height_m is not None else
+                is_no_vehicle(found, self.config) if found.height_m is not None else
                 found.width_m < self.config.edge_width_m and self._looks < _LOOKS)
 
     def measured(self) -> Optional[VehicleKind]:

@@ -9,7 +9,7 @@ from typing import Mapping, Optional
 import numpy as np
 
 from .track import Track
-from ..classification.classes import is_edge, is_low
+from ..classification.classes import is_no_vehicle
 from ..core.passes import Direction, PassResult, Reason, Verdict
 from ..core.tracker_config import TrackerConfig
 from ..road.lanes import LanePath
@@ -63,9 +63,8 @@ class PassEnd:
             return Reason.VIEWS_DISAGREE
         if self.track.detection is None or result.vehicle is None:
             return None
-        sizes = self.config.classes
-        odd = is_edge(result.vehicle, sizes) or is_low(result.vehicle, sizes)
-        return Reason.IMPLAUSIBLE if odd else None
+        return Reason.IMPLAUSIBLE if is_no_vehicle(
+            result.vehicle, self.config.classes) else None
 
     def _timed(self, result: PassResult) -> PassResult:
         """Return the result with the uncertainty of its stamps; rejected if that is too large."""

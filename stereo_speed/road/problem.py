@@ -344,8 +344,7 @@ class RoadProblem:
         :param shape: a family whose curvature has no more coefficients than that of the model.
         """
         first = self.model.places.curvature.start + 1
-        count = max(shape.curvature - 1, 0)
-        return slice(first, first + count)
+        return slice(first, first + max(shape.curvature - 1, 0))
 
     def change_std(self, changes: slice) -> Array:
         """Return the largest prior 1-sigmas of such coefficients."""
