@@ -110,16 +110,17 @@ class RoadFit:
         """
         residual, jacobian = self.weighted(variance)
         normal = jacobian.T @ jacobian
+        covariance = np.linalg.inv(normal)
         # At the minimum the pulls of picks and priors balance; with that variance picks pull less.
         count = len(self.problem.picks.line)
         pull = max(1 - 1 / variance, 0.0) * (jacobian[count:].T @ residual[count:])
-        gain = float(pull @ np.linalg.solve(normal, pull))
+        gain = float(pull @ covariance @ pull)
         fit = -0.5 * (float(residual @ residual) - gain)
         occam = -0.5 * float(np.linalg.slogdet(normal)[1]) - float(
             np.log(self.problem.prior_std).sum())
         changes = self.problem.changes(self.problem.model.shape)
         return (fit + occam + log_chance(self.problem.model.shape, self.problem.prior)
-                + log_any_scale(self.x[changes], np.diag(np.linalg.inv(normal))[changes],
+                + log_any_scale(self.x[changes], np.diag(covariance)[changes],
                                 self.problem.change_std(changes)))
 
     @cached_property
