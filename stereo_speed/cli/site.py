@@ -16,10 +16,11 @@ import cv2
 from ..core.errors import InputError
 from ..io.atomic import write_whole
 from ..io.bags import StereoBag
+from ..pipeline.assembly import refined_site
 from ..pipeline.config import load_pipeline_config, SiteConfig
 from ..site.file import load_site, Site
 from ..site.refine.picture import picture
-from ..site.refine.refiner import refine_site, RefinedSite
+from ..site.refine.refiner import RefinedSite
 from ..site.refine.report import report, summary_lines
 from ..site.write import site_text
 
@@ -87,7 +88,7 @@ def refined_from_bag(site: Site, bag_path: Path, left: Optional[str] = None,
     :param config: parameters of roads and of their refinement.
     """
     with StereoBag(bag_path, left=left, right=right) as bag:
-        return refine_site(site, bag.rig, bag.pairs(), config.site_refinement, config.road)
+        return refined_site(site, bag.rig, bag.pairs(), config)[0]
 
 
 def write_site(path: Path, site: Site) -> None:

@@ -68,9 +68,8 @@ class MeasuringSite:
         """
         not_refined = ''
         if refine_by is not None:
-            pairs, reference = steadied_pairs(rig, spread_pairs(refine_by), config.steadying)
             try:
-                refined = refine_site(site, rig, pairs, config.site_refinement, config.road)
+                refined, reference = refined_site(site, rig, refine_by, config)
                 return cls(refined.site, refined.rig, refined.lanes, refined,
                            reference=reference)
             except SiteError as error:
@@ -92,6 +91,23 @@ class MeasuringSite:
         return make_pipeline(self.rig, self.lanes, config.with_tolerances(self.site.tolerances),
                              annotations, reference=self.reference, conclusions=conclusions,
                              solving=solving, detect=detect, seed=seed, where=where)
+
+
+def refined_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
+                 config: SiteConfig = SiteConfig()) -> tuple[RefinedSite, Optional[Reference]]:
+    """
+    Refine a site by images, with the sway of the rig removed.
+
+    :param site: clicked, or refined before.
+    :param rig: the cameras as calibrated.
+    :param pairs: any number of pairs; some, spread over them, are used.
+    :param config: priors of roads, how to refine, and how the rig is steadied.
+    :return: the refined site, and the reference of the sway; None where it is not estimated.
+    :raises SiteError: the lines give no usable road, or the right camera has turned too far.
+    :raises InputError: there are no pairs.
+    """
+    steady, reference = steadied_pairs(rig, spread_pairs(pairs), config.steadying)
+    return refine_site(site, rig, steady, config.site_refinement, config.road), reference
 
 
 def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig

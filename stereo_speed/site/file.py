@@ -23,6 +23,7 @@ from ..geometry.rig import StereoRig
 LEAST_ROAD_M = 5.0  # least length of a line; the direction of a shorter one is too uncertain
 LEAST_STD_PX, MOST_STD_PX = 1e-6, 100.0  # a 1-sigma beyond these is a mistake in the file
 LEAST_STD_M, MOST_STD_M = 1e-6, 10.0  # likewise in metres
+MOST_PATH_STD = 1.0  # upper bound of the relative 1-sigma of speeds by errors of a path
 _ROUNDING_RAD = 1e-8  # rounding of the angles of a site file, six digits of a degree
 VIEWS = ('left_image', 'right_image')
 CLASSES = tuple(str(name) for name in VehicleClass if name is not VehicleClass.UNKNOWN)
@@ -94,6 +95,7 @@ class LaneSpec:
     :param path: name of the line that is the path itself, or None.
     :param speed_limit_mps: speed limit, m/s.
     :param class_limits_mps: speed limits that differ from it for some vehicle classes, m/s.
+    :param path_std: relative 1-sigma of speeds by errors of its path that its lines do not tell.
     """
 
     name: str
@@ -102,6 +104,7 @@ class LaneSpec:
     path: Optional[str]
     speed_limit_mps: float
     class_limits_mps: Mapping[VehicleClass, float] = field(default_factory=dict)
+    path_std: float = 0.0
 
     def limit_mps(self, name: VehicleClass) -> float:
         """Return the speed limit of a class, m/s; for an unknown class, the highest limit."""
@@ -300,7 +303,8 @@ def _refuse_crossings(where: object, lines: Mapping[str, SiteLine]) -> None:
 def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]) -> LaneSpec:
     """Return one lane."""
     fields = StrictMapping(where, f'lanes[{index}]', data,
-                           ('name', 'right', 'left', 'path', 'speed_limit', 'class_limits'))
+                           ('name', 'right', 'left', 'path', 'speed_limit', 'class_limits',
+                            'path_std'))
     keys = ('path',) if 'path' in fields else ('right', 'left')
     if 'path' in fields and ('right' in fields or 'left' in fields):
         raise fields.error('path', 'right or left too', 'either path, or right and left')
@@ -311,4 +315,6 @@ def _lane(where: object, index: int, data: object, lines: Mapping[str, SiteLine]
                             fields.data.get('class_limits', {}), CLASSES)
     return LaneSpec(fields.text('name'), names.get('right'), names.get('left'), names.get('path'),
                     fields.speed('speed_limit'),
-                    {VehicleClass(key): classes.speed(key) for key in classes.data})
+                    {VehicleClass(key): classes.speed(key) for key in classes.data},
+                    fields.number('path_std', 0.0, MOST_PATH_STD, 'share')
+                    if 'path_std' in fields else 0.0)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import Iterable, Mapping, Optional
 
 import numpy as np
@@ -58,6 +59,7 @@ def lane_paths(site: Site, rig: StereoRig, prior: RoadPrior = RoadPrior()
             lane = _lane_on(fit, site, i, reversed_lines, prior)
         else:
             lane = _part_surveyed(site, spec, {}, rig, prior)
+        lane = replace(lane, shape_std=math.hypot(lane.shape_std, spec.path_std))
         out[spec.name] = with_scale(lane, rig, drift.covariance_rad2)
     return out
 

@@ -62,6 +62,8 @@ def _lane(lane: LaneSpec) -> dict[str, Any]:
     if lane.class_limits_mps:
         out['class_limits'] = {str(name): speed_text(limit)
                                for name, limit in lane.class_limits_mps.items()}
+    if lane.path_std:
+        out['path_std'] = float(f'{lane.path_std:.4g}')
     return out
 
 

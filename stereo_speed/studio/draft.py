@@ -102,6 +102,7 @@ class DraftLane:
     :param speed_limit: speed limit as text, with its unit.
     :param backward: whether travel runs against the order of the lines' points.
     :param class_limits: limits for classes of vehicles, as in the file.
+    :param path_std: relative 1-sigma of speeds by errors of its path that its lines do not tell.
     """
 
     number: int
@@ -112,6 +113,7 @@ class DraftLane:
     speed_limit: str = '50 km/h'
     backward: bool = False
     class_limits: tuple[tuple[str, str], ...] = ()
+    path_std: float = 0.0
 
     @property
     def lines(self) -> tuple[int, ...]:
@@ -266,7 +268,8 @@ def draft_of(site: Site) -> Draft:
         classes = tuple((str(name), speed_text(limit))
                         for name, limit in lane.class_limits_mps.items())
         lanes.append(DraftLane(number, lane.name, right, left, path,
-                               speed_text(lane.speed_limit_mps), class_limits=classes))
+                               speed_text(lane.speed_limit_mps), class_limits=classes,
+                               path_std=lane.path_std))
     lengths = []
     number = len(lines) + len(lanes)
     for number, known in enumerate(site.known_lengths, number + 1):
@@ -354,7 +357,8 @@ def site_data(draft: Draft) -> dict[str, Any]:
         lines = {key: names.of(getattr(lane, key), lane.backward) for key in keys}
         data['lanes'].append({'name': lane.name, **lines, 'speed_limit': lane.speed_limit,
                               **({'class_limits': dict(lane.class_limits)}
-                                 if lane.class_limits else {})})
+                                 if lane.class_limits else {}),
+                              **({'path_std': lane.path_std} if lane.path_std else {})})
     lengths = [length_data(known, names) for known in draft.lengths
                if known.complete and there.issuperset(known.lines)]
     if lengths:
@@ -407,4 +411,8 @@ def with_refined(draft: Draft, site: Site) -> Draft:
             line = replace(line, left=points_of(found.left_px, found.left_std_px),
                            right=points_of(found.right_px, found.right_std_px))
         lines.append(line)
-    return replace(draft, lines=tuple(lines), correction=as_numbers(site.correction))
+    path_stds = {lane.name: lane.path_std for lane in site.lanes}
+    lanes = tuple(replace(lane, path_std=path_stds.get(lane.name, lane.path_std))
+                  for lane in draft.lanes)
+    return replace(draft, lines=tuple(lines), lanes=lanes,
+                   correction=as_numbers(site.correction))

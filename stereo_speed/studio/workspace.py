@@ -23,11 +23,12 @@ from .scene import Scene
 from .truth_marks import truth_csv
 from ..core.errors import InputError
 from ..io.atomic import write_whole
+from ..pipeline.assembly import refined_site
 from ..pipeline.config import PipelineConfig
 from ..site.file import load_site, Site, site_of
 from ..site.init_file import load_init
 from ..site.lane_paths import lane_paths
-from ..site.refine.refiner import refine_site, RefinedSite
+from ..site.refine.refiner import RefinedSite
 from ..site.write import site_text
 
 MOST_HISTORY = 1000  # number of steps that can be undone
@@ -157,8 +158,8 @@ class Workspace:
         """
         if self.scene is None:
             raise InputError(WHERE, 'bag', 'none', 'a bag, for its images')
-        return refine_site(self.site(draft), self.scene.rig, self.scene.spread,
-                           self.config.site_refinement, self.config.road)
+        return refined_site(self.site(draft), self.scene.rig, self.scene.spread,
+                            self.config)[0]
 
     def accept(self, draft: Draft, refined: RefinedSite) -> None:
         """

@@ -6,6 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from stereo_speed.cli.main import main
+from stereo_speed.cli.site import refined_from_bag
+from stereo_speed.lab.sim.disturb import Disturbance
+from stereo_speed.lab.sim.disturb_bag import disturb_bag
 from stereo_speed.site.file import load_site
 import yaml
 
@@ -43,6 +46,17 @@ def test_check_changes_nothing(edited, short_bag, tmp_path, capsys):
     assert main(['site', 'check', str(short_bag), '--site', str(site)]) == 0
     assert 'lane_0' in capsys.readouterr().out
     assert site.read_bytes() == before and list(tmp_path.iterdir()) == [site]
+
+
+@pytest.mark.slow
+def test_site_of_a_swaying_rig_is_refined_as_if_it_stood_still(sample, short_bag, tmp_path):
+    """Swayed by 0.1 degrees the four images differ by some pixels; lines are thinner than that."""
+    disturb_bag(short_bag, tmp_path / 'swayed', Disturbance(sway_deg=0.1),
+                np.random.default_rng(2))
+    still, swayed = (refined_from_bag(load_site(sample / 'site.yaml'), bag)
+                     for bag in (short_bag, tmp_path / 'swayed' / 'bag'))
+    assert swayed.lost == () and not swayed.kept_clicks
+    assert swayed.road.residual_px.max() < 2 * still.road.residual_px.max()
 
 
 @pytest.mark.parametrize('arguments, message', [

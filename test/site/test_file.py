@@ -77,6 +77,8 @@ NAN, INF = float('nan'), float('inf')
     (['lanes', 0, 'speed_limit'], None, r'lanes\[0\].speed_limit: found nothing'),
     (['lanes', 0, 'class_limits'], {'lorry': '80 km/h'},
      r'lanes\[0\].class_limits.lorry: found unknown key lorry, wanted one of motor'),
+    (['lanes', 0, 'path_std'], -0.01,
+     r'lanes\[0\].path_std: found -0.01, wanted share in \[0, 1\]'),
     (['lanes', 0, 'class_limits'], {'car': 80}, r'lanes\[0\].class_limits.car: found 80'),
     (['lanes', 0, 'speed_limit'], 55, r'lanes\[0\].speed_limit: found 55'),
 ])

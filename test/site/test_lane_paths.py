@@ -3,6 +3,8 @@
 """Lane paths of sites: picked, surveyed and mixed lines, and errors."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stereo_speed.core.errors import SiteError
@@ -81,6 +83,15 @@ def test_refusals(scene):
     for match, lines in cases.items():
         with pytest.raises(SiteError, match=f'site.yaml: .*{match}'):
             lane_paths(site_of(lines), scene.rig)
+
+
+def test_what_a_site_says_of_the_errors_of_a_path_adds_in_squares(scene):
+    site = site_of(scene.lines)
+    doubted = replace(site, lanes=(replace(site.lanes[0], path_std=0.03), *site.lanes[1:]))
+    plain, said = (lane_paths(each, scene.rig) for each in (site, doubted))
+    first, *others = (lane.name for lane in site.lanes)
+    assert said[first].shape_std == pytest.approx(np.hypot(plain[first].shape_std, 0.03))
+    assert all(said[name].shape_std == plain[name].shape_std for name in others)
 
 
 def test_views_that_disagree_are_refused(scene):

@@ -22,11 +22,11 @@ def test_speeds_that_are_round_in_no_unit_keep_every_digit():
     assert parse_speed(speed_text(23.456789012345)) == 23.456789012345
 
 
-def test_limits_of_classes_round_trip(tmp_path):
+def test_what_belongs_to_a_lane_round_trips(tmp_path):
     limits = {VehicleClass.HEAVY_VEHICLE: 80 / 3.6, VehicleClass.VAN: 100 / 3.6}
     points = np.array([[0, 2, 50], [0, 2, 10.0]])
     site = Site('s', 'here', {'p': SurveyedLine('p', points)},
-                (LaneSpec('l', None, None, 'p', 120 / 3.6, limits),))
+                (LaneSpec('l', None, None, 'p', 120 / 3.6, limits, 0.0213),))
     (tmp_path / 'site.yaml').write_text(site_text(site))
     assert load_site(tmp_path / 'site.yaml').lanes[0] == site.lanes[0]
 

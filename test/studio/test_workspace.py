@@ -194,6 +194,7 @@ def test_opened_and_saved_file_keeps_its_content(sample, tmp_path, parts, survey
         line[key] = [value] * len(line[key.replace('std_px', 'image')])
     data['lanes'][0]['speed_limit'] = limit
     data['lanes'][0]['class_limits'] = {'heavy_vehicle': limit}
+    data['lanes'][0]['path_std'] = 0.0213
     if survey is not None:
         data['lines']['survey'] = {'points_m': FAR, **survey}
         data['lanes'].append({'name': 'middle', 'path': 'survey', 'speed_limit': limit})

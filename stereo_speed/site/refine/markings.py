@@ -11,7 +11,7 @@ cross-sections of each segment of the line are combined, with a 1-sigma from the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Optional
+from typing import Mapping, NamedTuple, Optional
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -86,6 +86,9 @@ class LocatedLine:
         """Return the line with the selected points."""
         return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
                        s_m=self.s_m[where])
+
+
+Found = Mapping[str, tuple[LocatedLine, LocatedLine]]  # lines in the left and the right view
 
 
 class _Candidate(NamedTuple):

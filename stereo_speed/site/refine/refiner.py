@@ -11,20 +11,19 @@ rotated since its calibration.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import math
-from typing import Iterable, Mapping, Optional
+from typing import Iterable, Optional
 
 import numpy as np
 
-from .clicked import ClickDistance, not_clicked, scatter_px
+from .clicked import ClickDistance, not_clicked
 from .config import RefineConfig
 from .cross_sections import LineView
+from .disagreement import disagreement, KeptClicks, off_road_px
 from .empty_road import Background, backgrounds
 from .equal_sharpness import equally_sharp
 from .extrinsic_drift import decide_drift, Drift, FamilyDrift
-from .markings import locate, LocatedLine
+from .markings import Found, locate
 from .rig_check import Epipolar, epipolar_check
-from .speed_effect import lane_speed_std, Setup, speed_error
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
 from ..lane_paths import fit_lines, fit_roads, in_one_direction, lane_paths, with_reversed
@@ -47,8 +46,6 @@ _LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
 _MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
 _STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
 _LEAST_POINTS = 3  # fewest points of a line in a view
-
-Found = Mapping[str, tuple[LocatedLine, LocatedLine]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +119,8 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     """
     Refine a site by images.
 
-    :param site: rough or already refined site; surveyed lines stay as they are.
+    :param site: rough or already refined site; surveyed lines stay as they are. What an earlier
+        refinement said of the errors of its paths no longer counts.
     :param rig: rig as calibrated, or with the site's correction applied.
     :param pairs: few or many pairs, spread over the time in which the site is used.
     :param config: parameters of the refinement.
@@ -133,6 +131,7 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     views = backgrounds(pairs, site.where)
     if any(rig.drift_rad):
         rig = rig.drifted(-np.array(rig.drift_rad))
+    site = _judged_anew(site)
     rough, reversed_lines = in_one_direction(replace(site, correction=None), rig)
     roads, found = _search_roads(rough, rig, views, config, prior)
     equal = equally_sharp(views, found.values())
@@ -158,14 +157,22 @@ def refine_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     except SiteError as error:
         if not found:
             raise
-        reason = f'the detected markings give no lane: {error.what}: found {error.found}'
+        kept: Optional[KeptClicks] = KeptClicks(
+            f'the detected markings give no lane: {error.what}: found {error.found}', {})
     else:
-        off_px = np.zeros(0) if road is None else _off_road_px(road, rough, found)
+        off_px = np.zeros(0) if road is None else off_road_px(road, rough, found)
         clicked = replace(site, correction=correction)
-        reason = _disagreement(lanes, clicked, corrected, off_px, config, prior)
+        kept = disagreement(lanes, clicked, corrected, off_px, config, prior)
     refined = RefinedSite(result, corrected, {}, site, found, road, drift, checked.epipolar, views,
                           config, prior)
-    return _as_clicked(refined, rig, reason) if reason else replace(refined, lanes=lanes)
+    return replace(refined, lanes=lanes) if kept is None else _as_clicked(refined, rig, kept)
+
+
+def _judged_anew(site: Site) -> Site:
+    """Return a site whose lanes of picked lines are as certain as their lines say."""
+    return replace(site, lanes=tuple(
+        replace(lane, path_std=0.0) if set(lane.lines) & set(site.picked) else lane
+        for lane in site.lanes))
 
 
 def _search_roads(site: Site, rig: StereoRig, views: tuple[Background, Background],
@@ -179,59 +186,22 @@ def _search_roads(site: Site, rig: StereoRig, views: tuple[Background, Backgroun
     return roads, found
 
 
-def _off_road_px(road: RoadFit, rough: Site, found: Found) -> Array:
-    """Return how far (n,) all clicks scatter about their lines on a refined road, px."""
-    return np.concatenate([np.zeros(0), *(
-        scatter_px(road, name, found[name][0].shape.width_m if name in found else 0.0,
-                   rough.picked[name].views_px)
-        for name in rough.picked if name in road.names)])
-
-
-def _disagreement(lanes: Mapping[str, LanePath], clicked: Site, rig: StereoRig, off_px: Array,
-                  config: RefineConfig, prior: RoadPrior) -> str:
-    """
-    Return a text that says how refined lanes contradict the clicks; empty if they do not.
-
-    Lines about which the clicks scatter as clicks do are no contradiction, even if a road fitted
-    to the clicks alone is far off.
-
-    :param clicked: site with the lines as clicked, and with the correction of the rig.
-    :param rig: rig with the correction applied.
-    :param off_px: (n,) as of :func:`_off_road_px`.
-    """
-    try:
-        rough = lane_paths(clicked, rig, prior)
-    except SiteError:
-        return ''
-    most_px = config.disagreement_factor * max(
-        [prior.pick_std_px, *(lane.residual_px for lane in rough.values())])
-    if len(off_px) and np.sqrt(np.mean(np.square(off_px))) < most_px:
-        return ''
-    for name, lane in lanes.items():
-        setups = Setup(lane.path, rig), Setup(rough[name].path, rig)
-        change = max((speed_error(a, b) for a, b in (setups, setups[::-1])),
-                     key=lambda value: abs(np.nan_to_num(value)))
-        std = math.hypot(*(lane_speed_std(each, rig) for each in (lane, rough[name])))
-        if abs(change) > config.disagreement_sigmas * std:
-            return (f'speeds on {name} by the detected markings and by the clicks differ by '
-                    f'{100 * change:+.2f} %, {abs(change) / std:.1f} combined sigmas')
-    return ''
-
-
-def _as_clicked(refined: RefinedSite, rig: StereoRig, reason: str) -> RefinedSite:
+def _as_clicked(refined: RefinedSite, rig: StereoRig, kept: KeptClicks) -> RefinedSite:
     """
     Return the site as clicked, with the possible drift of the right camera as its covariance.
 
     :param refined: result of the refinement.
     :param rig: rig as calibrated.
-    :param reason: reason why the refinement is not used.
+    :param kept: why the refinement is not used, and how uncertain the paths are therefore.
     """
     drift = refined.drift
     spread = drift.covariance_rad2 + np.outer(drift.drift_rad, drift.drift_rad)
     drift = replace(drift, drift_rad=np.zeros(3), covariance_rad2=spread)
-    site = replace(refined.rough, correction=RigCorrection(np.zeros(3), spread))
+    lanes = tuple(replace(lane, path_std=kept.path_std.get(lane.name, lane.path_std))
+                  for lane in refined.rough.lanes)
+    site = replace(refined.rough, correction=RigCorrection(np.zeros(3), spread), lanes=lanes)
     return replace(refined, site=site, rig=rig, lanes=lane_paths(site, rig, refined.prior),
-                   drift=drift, kept_clicks=reason)
+                   drift=drift, kept_clicks=kept.reason)
 
 
 def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background], known: Found,

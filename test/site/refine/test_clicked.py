@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.file import PickedLine
 from stereo_speed.site.refine.clicked import (
-    ClickDistance, not_clicked, scatter_px, signed_distances)
+    ClickDistance, Clicks, not_clicked, scatter_px, signed_distances)
 from stereo_speed.site.refine.refiner import refine_site
 
 ON = ClickDistance(0.2, -2.0)
@@ -66,16 +67,44 @@ def test_band_beside_the_clicks_of_a_line_is_not_taken_for_it(drawn, off_m, lost
     assert refine_site(site, drawn.rig, [StereoPair(0, 0, 0, *images)]).lost == lost
 
 
-@pytest.mark.parametrize('beside_m, left_px', [
-    (0.05, 0.0),  # within the marking's half width of 0.06 m
-    (0.1, 0.4)])  # the share of 0.1 m that lies outside
-def test_what_clicks_have_in_common_is_no_scatter_within_a_marking(drawn, beside_m, left_px):
+def _beside(drawn, beside_m):
+    """Return pixels of both views, so far beside both lines that run to a depth of 40 m."""
+    return {name: Clicks(0.12, drawn.rig.project(points)[:2])
+            for name, points in _places_m(beside_m).items()}
+
+
+def _places_m(beside_m=0.0):
     z = np.linspace(40.0, 14.0, 9)
-    points = np.column_stack([np.full(9, -2.0 + beside_m), np.full(9, 3.0), z])
-    clicks = drawn.rig.project(points)[:2]
-    off_px = np.concatenate([signed_distances(drawn.fit, 'right', bool(right), uv)[0]
-                             for right, uv in enumerate(clicks)])
-    left = scatter_px(drawn.fit, 'right', 0.12, clicks)
-    np.testing.assert_allclose(left, left_px * off_px, atol=0.02 * np.abs(off_px).max())
-    bent = [uv + 0.3 * np.cos(np.arange(9.0) * np.pi)[:, None] for uv in clicks]
-    assert np.abs(scatter_px(drawn.fit, 'right', 0.12, bent) - left).max() > 0.2
+    return {name: np.column_stack([np.full(9, x_m + beside_m), np.full(9, 3.0), z])
+            for name, x_m in (('right', -2.0), ('left', 1.5))}
+
+
+def _off_px(drawn, lines):
+    return np.concatenate([signed_distances(drawn.fit, name, bool(right), uv)[0]
+                           for name, line in lines.items()
+                           for right, uv in enumerate(line.views_px)])
+
+
+@pytest.mark.parametrize('beside_m, share', [
+    (0.05, (0.0, 0.02)),  # within the marking's half width of 0.06 m
+    (0.4, (0.3, 0.7))])  # 0.06 m and the rotations that are allowed for leave about half
+def test_what_clicks_have_in_common_is_no_scatter_within_a_marking(drawn, beside_m, share):
+    lines = _beside(drawn, beside_m)
+    off_px, scatter = _off_px(drawn, lines), scatter_px(drawn.fit, lines)
+    assert share[0] <= np.linalg.norm(scatter) / np.linalg.norm(off_px) < share[1]
+    bent = {name: line._replace(views_px=[
+        uv + 0.3 * np.cos(np.arange(9.0) * np.pi)[:, None] for uv in line.views_px])
+        for name, line in lines.items()}
+    assert np.abs(scatter_px(drawn.fit, bent) - scatter).max() > 0.2
+
+
+@pytest.mark.parametrize('axis, too_far_deg', [(0, 0.5), (1, 0.5), (2, 3.0)])
+def test_a_rig_that_swayed_while_its_lines_were_clicked_is_no_scatter(drawn, axis, too_far_deg):
+    """Clicks of a rig tilted by 0.1 degrees lie 1.6 px off."""
+    for deg, most_px in ((0.1, 0.05), (too_far_deg, np.inf)):
+        turn = Rotation.from_rotvec(np.radians(deg) * np.eye(3)[axis])
+        clicks = {name: Clicks(0.12, drawn.rig.project(turn.apply(points))[:2])
+                  for name, points in _places_m().items()}
+        scatter = scatter_px(drawn.fit, clicks)
+        assert np.abs(scatter).max() < most_px
+    assert np.abs(scatter).max() > 0.2

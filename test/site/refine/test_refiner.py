@@ -229,6 +229,13 @@ def test_clicks_that_contradict_the_found_lines_are_kept(drawn):
     kept = refine_site(site, drawn.rig, pairs)
     assert 'combined sigmas' in kept.kept_clicks
     np.testing.assert_allclose(kept.site.picked['right'].right_px, lines['right'].right_px)
+    # Which of them are wrong is unknown, so speeds by clicks are as uncertain as they differ.
+    std = kept.site.lanes[0].path_std
+    assert f'differ by {100 * std:+.2f} %' in kept.kept_clicks.replace('-', '+')
+    assert kept.lanes['lane'].shape_std >= std > 0.005
+    assert refine_site(kept.site, drawn.rig, pairs).site.lanes[0].path_std == pytest.approx(std)
+    assert refine_site(kept.site, drawn.rig, pairs, RefineConfig(
+        disagreement_sigmas=100.0)).site.lanes[0].path_std == 0.0
     for limit in ({'disagreement_sigmas': 100.0}, {'disagreement_factor': 100.0}):
         refined = refine_site(site, drawn.rig, pairs, RefineConfig(**limit))
         assert not refined.kept_clicks
