@@ -20,9 +20,12 @@ class NoiseConfig(CheckedRecord):
     match_floor_px: float = parameter(
         0.0125, 0.0, 1.0, 'px', 'systematic error of the left-right match of one observation, '
         'which averaging over samples does not reduce')
-    match_floor_pairs: float = parameter(
-        3.0, 0.0, 1e6, 'pairs', 'weight of match_floor_px as prior knowledge, in observations, '
-        'against the scatter of disparities that the pass shows')
+    scatter_px: float = parameter(
+        0.05, 0.0001, 10.0, 'px', 'median of the systematic scatter of disparities, which differs '
+        'from pass to pass: 0.01 for painted fronts, 0.02 to 0.2 outdoors')
+    scatter_factor: float = parameter(
+        2.0, 1.01, 1000.0, '', 'factor by which the scatter of a pass differs from the median, as '
+        'the 1-sigma of its logarithm')
     scatter_levels: int = parameter(
         5, 1, 10, '', 'number of scatters of disparities that are weighed by their evidence in '
         'each pass, each twice the previous one; 1 keeps match_floor_px alone')

@@ -32,7 +32,7 @@ class Hypothesis:
     One hypothesis of what happened in a pass.
 
     :param motion: motion model of the vehicle.
-    :param more_px: scatter of the disparities beyond the usual one, 1-sigma, px.
+    :param more_px: scatter of the disparities beyond the least one, 1-sigma, px.
     :param share: prior probability.
     :param onsets: factor on the rate of onsets that began more than ``_UNNOTICED_S`` ago; 0 for
         none of them.

@@ -39,7 +39,7 @@ class Window:
     :param inactive: pairs that wait for the end of the pass, in order of stamps.
     :param occluded_ns: stamps of the pairs, active or not, that do not count.
     :param changing_lanes: probability that the vehicle changes lanes.
-    :param more_px: scatter of the disparities beyond the usual one, px.
+    :param more_px: scatter of the disparities beyond the least one, px.
     """
 
     keyframes: tuple[Keyframe, ...]

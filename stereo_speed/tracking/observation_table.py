@@ -116,7 +116,7 @@ class ObservationTable:
         """
         Return the values of one observation, with the equations of its two patches.
 
-        Their information is limited by the usual scatter of a disparity.
+        Their information is limited by the least scatter of a disparity.
         """
         o, noise, relief = observation, self.noise, observation.relief @ self.basis
         parts, pose = o.apart_jacobian, o.pose

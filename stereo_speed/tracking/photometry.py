@@ -68,7 +68,7 @@ class Photometry:
     its epipolar line, px, which serves to find the time between the views
     (``steadying.view_lag``) and must not influence the speed.
 
-    :param H: (k, k) information, for the usual scatter of disparities.
+    :param H: (k, k) information, for the least scatter of disparities.
     :param right: (k,) information times measurement.
     :param along: (n, k) part of H from each disparity alone: its row for the place s.
     :param along_right: (n,) the same part of ``right``.
@@ -97,7 +97,7 @@ class Photometry:
 
         The additional error of each disparity is one more unknown, which is eliminated here.
 
-        :param more_px: 1-sigma that is added to the usual scatter, px.
+        :param more_px: 1-sigma that is added to the least scatter, px.
         """
         square = more_px ** 2
         if not square:
@@ -170,17 +170,16 @@ def scatters_px(noise: NoiseConfig) -> list[tuple[float, float]]:
     """
     Return the possible scatters of the disparities of a pass, with their prior probabilities.
 
-    Each is twice the previous one.  The prior is an inverse gamma density, in which the usual
-    scatter counts like a number of additional observations.
+    Each is twice the previous one, from the floor on.  The prior is log-normal.
 
-    :return: 1-sigma beyond the usual scatter, px, and probability.
+    :return: 1-sigma beyond the floor, px, and probability.
     """
     if not noise.match_floor_px:
         return [(0.0, 1.0)]
-    square = 4.0 ** np.arange(noise.scatter_levels)
-    log_share = -0.5 * noise.match_floor_pairs * (np.log(square) + 1 / square - 1)
-    more_px = noise.match_floor_px * np.sqrt(square - 1)
-    weights = normalise_log_weights(log_share)
+    times = 2.0 ** np.arange(noise.scatter_levels)
+    more_px = noise.match_floor_px * np.sqrt(np.square(times) - 1)
+    off = np.log(noise.match_floor_px * times / noise.scatter_px) / math.log(noise.scatter_factor)
+    weights = normalise_log_weights(-0.5 * np.square(off))
     return [(float(px), float(w)) for px, w in zip(more_px, weights) if w > 0]
 
 
@@ -208,7 +207,7 @@ class PassPhotometry:
         Return the normal equations of the cross and the temporal terms.
 
         :param counts: (n,) whether each observation counts, at least one of them; None for all.
-        :param more_px: present estimate of the scatter of disparities beyond the usual one, px,
+        :param more_px: present estimate of the scatter of disparities beyond the least one, px,
             which is added to the floor of the texture's error.
         :param rates_per_s: (n, n) derivatives of the rates of a by all a, 1/s, where the views
             have two stamps; None where they do not.

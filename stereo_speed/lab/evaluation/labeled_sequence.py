@@ -10,13 +10,15 @@ import tempfile
 from typing import Callable, Mapping, Optional, Sequence, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 import yaml
 
 from .scorer import beside_truth, SequenceRun
 from ..sim.config import SimConfig
 from ..sim.sequence import SimSequence, simulate
-from ...core.records import InitialFront, StereoPair
+from ...core.records import Array, InitialFront, StereoPair
 from ...core.tracker_config import TrackerConfig
+from ...geometry.camera import Camera
 from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.truth import read_truth, truth_of_rows, VehicleTruth
@@ -29,6 +31,7 @@ from ...site.init_file import load_init
 from ...steadying.config import SteadyingConfig
 
 Content = TypeVar('Content')
+_ACROSS = 15  # places across an image at which two views are compared
 
 
 class LineKnowledge(str, Enum):
@@ -84,8 +87,10 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
     """
     Disturb the calibration and the stamps that a tracker gets, within its tolerances.
 
-    Both focal lengths have the same relative error, as from one calibration; the stamps of both
-    views have the same error, as from one trigger.
+    Both focal lengths have the same relative error, as from one calibration, which makes the views
+    agree at infinity: with converging cameras an error of the focal length also displaces one view
+    against the other, unless the angles between them make up for it.  The stamps of both views
+    have the same error, as from one trigger.
 
     :param tolerances: has the 1-sigmas ``focal_std``, ``baseline_std_m`` and ``stamp_std_s``; the
         errors of the angles between the cameras have the 1-sigma of a calibrated rig.
@@ -98,13 +103,32 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
                for camera in (rig.left, rig.right)]
     late_ns = {pair.stamp_ns: round(1e9 * tolerances.stamp_std_s * rng.standard_normal())
                for pair in sequence.pairs}
+    turn = _agreeing_at_infinity(rig, cameras) @ rig.R.T  # of the right camera
     return replace(
-        sequence, rig=StereoRig(cameras[0], cameras[1], rig.R, rig.t * baseline),
+        sequence, rig=StereoRig(cameras[0], cameras[1], turn @ rig.R, turn @ rig.t * baseline),
         pairs=tuple(replace(p, stamp_ns=p.stamp_ns + late_ns[p.stamp_ns],
                             right_stamp_ns=p.right_stamp_ns + late_ns[p.stamp_ns])
                     for p in sequence.pairs),
         truth=tuple({**row, 'stamp_ns': row['stamp_ns'] + late_ns[row['stamp_ns']]}
                     for row in sequence.truth))
+
+
+def _agreeing_at_infinity(rig: StereoRig, cameras: Sequence[Camera]) -> Array:
+    """
+    Return the rotation (3, 3) with which other cameras see infinity as a rig does.
+
+    :param rig: the rig.
+    :param cameras: left and right camera to use instead of its own.
+    """
+    camera = rig.left
+    u, v = np.meshgrid(*(np.linspace(0.0, size - 1.0, _ACROSS)
+                         for size in (camera.width_px, camera.height_px)))
+    left_px = np.column_stack([u.ravel(), v.ravel()])
+    right_px, seen = rig.right.project(camera.rays(left_px) @ rig.R.T)
+    rays = [each.rays(uv) for each, uv in zip(cameras, (left_px, right_px))]
+    seen &= np.isfinite(np.hstack(rays)).all(axis=1)
+    left, right = (ray[seen] / np.linalg.norm(ray[seen], axis=1, keepdims=True) for ray in rays)
+    return np.asarray(Rotation.align_vectors(right, left)[0].as_matrix())
 
 
 def read_back(content: Mapping[str, object], load: Callable[[Path], Content]) -> Content:

@@ -18,6 +18,7 @@ from stereo_speed.lab.evaluation.scorer import SequenceRun
 from stereo_speed.lab.sim.config import RigConfig, RoadConfig, straight_config
 from stereo_speed.lab.sim.scene import make_rig
 from stereo_speed.lab.sim.sequence import SimSequence
+from stereo_speed.road.problem import RoadPrior
 from stereo_speed.site.file import load_site
 
 SMALL = RigConfig(width_px=512, height_px=384, f_px=900.0)
@@ -70,6 +71,21 @@ def test_disturbances_are_as_large_as_the_tolerances():
     assert np.array_equal(s.rig.left.K[:2, 2], rig.left.K[:2, 2])
     assert [r['stamp_ns'] for r in s.truth] == [p.stamp_ns for p in s.pairs]
     assert {p.right_stamp_ns - p.stamp_ns for p in s.pairs} == {7}
+
+
+def test_disturbed_cameras_that_converge_still_agree_at_infinity():
+    """An error of 0.05 % would displace views that converge by 3 degrees by five tolerances."""
+    config = replace(
+        SMALL, left_rotation_deg=(0.0, 1.5, 0.0), right_rotation_deg=(0.0, -1.5, 0.0))
+    rig = make_rig(config)
+    plain = SimSequence(replace(CONFIG, rig=config), None, rig, {}, {}, {}, (), ())
+    uv_px = np.array([[180.0, 100.0], [256.0, 192.0], [300.0, 250.0]])
+    off_px = np.array([
+        drawn.right.project(drawn.left.rays(uv_px) @ drawn.R.T)[0][:, 0]
+        for drawn in (rig, *(disturbed(plain, TrackerConfig(), np.random.default_rng(k)).rig
+                             for k in range(200)))])
+    angle_px = config.f_px * np.radians(RoadPrior().calibrated_std_deg)
+    assert 0.8 * angle_px < (off_px[1:] - off_px[0]).std() < 1.2 * angle_px
 
 
 def test_site_passes_through_a_file_as_in_practice(sequence):
