@@ -242,7 +242,7 @@ def log_any_scale(estimate: Array, variance: Array, std: Array) -> float:
     slight ones would be so improbable that a turned camera would explain them better.
 
     This takes the coefficients as independent, and as known far better than by the largest prior,
-    as clicks determine them too.
+    which is so where picks are more precise than clicks.
 
     :param estimate: (n,) coefficients.
     :param variance: (n,) their posterior variances.

@@ -339,12 +339,14 @@ class RoadProblem:
         """
         Return the places of coefficients by which the curvature changes by an unknown scale.
 
-        The scales count where families are compared; a fit itself has the largest one.
+        There are none if the picks are no more precise than clicks, which cannot show slight
+        changes.  The scales count where families are compared; a fit itself has the largest one.
 
         :param shape: a family whose curvature has no more coefficients than that of the model.
         """
         first = self.model.places.curvature.start + 1
-        return slice(first, first + max(shape.curvature - 1, 0))
+        count = max(shape.curvature - 1, 0) * self.picks.are_precise(self.prior)
+        return slice(first, first + count)
 
     def change_std(self, changes: slice) -> Array:
         """Return the largest prior 1-sigmas of such coefficients."""
