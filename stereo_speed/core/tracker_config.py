@@ -21,8 +21,8 @@ class NoiseConfig(CheckedRecord):
         0.0125, 0.0, 1.0, 'px', 'systematic error of the left-right match of one observation, '
         'which averaging over samples does not reduce')
     scatter_px: float = parameter(
-        0.025, 0.0001, 10.0, 'px', 'median of the systematic scatter of disparities, which differs '
-        'from pass to pass: 0.01 for painted fronts, 0.02 to 0.2 outdoors')
+        0.025, 0.0001, 10.0, 'px', 'median of the systematic scatter of disparities, which '
+        'differs from pass to pass: 0.01 for painted fronts, 0.02 to 0.2 outdoors')
     scatter_factor: float = parameter(
         2.0, 1.01, 1000.0, '', 'factor by which the scatter of a pass differs from the median, as '
         'the 1-sigma of its logarithm')
