@@ -103,9 +103,9 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
                for camera in (rig.left, rig.right)]
     late_ns = {pair.stamp_ns: round(1e9 * tolerances.stamp_std_s * rng.standard_normal())
                for pair in sequence.pairs}
-    turn = _agreeing_at_infinity(rig, cameras) @ rig.R.T  # of the right camera
+    R = _agreeing_at_infinity(rig, cameras)
     return replace(
-        sequence, rig=StereoRig(cameras[0], cameras[1], turn @ rig.R, turn @ rig.t * baseline),
+        sequence, rig=StereoRig(*cameras, R, R @ rig.R.T @ rig.t * baseline),
         pairs=tuple(replace(p, stamp_ns=p.stamp_ns + late_ns[p.stamp_ns],
                             right_stamp_ns=p.right_stamp_ns + late_ns[p.stamp_ns])
                     for p in sequence.pairs),
@@ -120,11 +120,10 @@ def _agreeing_at_infinity(rig: StereoRig, cameras: Sequence[Camera]) -> Array:
     :param rig: the rig.
     :param cameras: left and right camera to use instead of its own.
     """
-    camera = rig.left
     u, v = np.meshgrid(*(np.linspace(0.0, size - 1.0, _ACROSS)
-                         for size in (camera.width_px, camera.height_px)))
+                         for size in (rig.left.width_px, rig.left.height_px)))
     left_px = np.column_stack([u.ravel(), v.ravel()])
-    right_px, seen = rig.right.project(camera.rays(left_px) @ rig.R.T)
+    right_px, seen = rig.right.project(rig.left.rays(left_px) @ rig.R.T)
     rays = [each.rays(uv) for each, uv in zip(cameras, (left_px, right_px))]
     seen &= np.isfinite(np.hstack(rays)).all(axis=1)
     left, right = (ray[seen] / np.linalg.norm(ray[seen], axis=1, keepdims=True) for ray in rays)

@@ -46,7 +46,9 @@ class ClickDistance(NamedTuple):
         :param width_m: width of its band, m; 0 for an edge.
         :param clicks_px: (n, 2) clicked raw pixels of each view.
         """
-        off_px, px_per_m = _of_both_views(road, name, clicks_px)
+        off_px, px_per_m = np.concatenate([
+            signed_distances(road, name, bool(right), uv) for right, uv in enumerate(clicks_px)],
+            axis=-1)
         off_px, half_m = np.abs(off_px), _half_m(width_m)
         return cls(float(np.median(off_px)), float(np.median(off_px - half_m * px_per_m)))
 
@@ -75,32 +77,23 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     :param road: road fitted to the markings that were found.
     :param lines: clicks of the road's lines by name.
     """
-    off_px, columns, most = [np.zeros(0)], [np.zeros((0, 3))], []
-    for name, clicks in lines.items():
-        off, px_per_m = _of_both_views(road, name, clicks.views_px)
-        off_px.append(off)
-        columns.append(np.concatenate([_by_rotation(road, name, bool(right), uv)
-                                       for right, uv in enumerate(clicks.views_px)]))
-        most.append((_half_m(clicks.width_m), px_per_m))
-    off = np.concatenate(off_px)
-    beside = block_diag(*(px_per_m[:, None] for _, px_per_m in most))
-    matrix = np.hstack([beside.reshape(len(off), len(most)), np.concatenate(columns)])
-    seen = np.isfinite(off) & np.isfinite(matrix).all(axis=1)
+    feet = {name: [_Feet.of(road, name, bool(right), uv)
+                   for right, uv in enumerate(clicks.views_px)] for name, clicks in lines.items()}
+    beside = block_diag(*(np.concatenate([view.px_per_m for view in views])[:, None]
+                          for views in feet.values()))
+    all_views = [view for views in feet.values() for view in views]
+    off_px = np.concatenate([view.off_px for view in all_views])
+    matrix = np.hstack([beside, np.concatenate([view.by_rotation(road) for view in all_views])])
+    seen = np.isfinite(off_px) & np.isfinite(matrix).all(axis=1)
     if not seen.any():
-        return off
-    limit = np.append([half_m for half_m, _ in most], [_MOST_RAD] * 3)
-    common = lsq_linear(matrix[seen], off[seen], (-limit, limit)).x
-    return np.asarray(off - matrix @ common)
+        return off_px
+    limit = np.append([_half_m(clicks.width_m) for clicks in lines.values()], [_MOST_RAD] * 3)
+    common = lsq_linear(matrix[seen], off_px[seen], (-limit, limit)).x
+    return np.asarray(off_px - matrix @ common)
 
 
 def _half_m(width_m: float) -> float:
     return width_m / 2 if width_m else _KERB_M
-
-
-def _of_both_views(road: RoadFit, name: str, clicks_px: Sequence[Array]) -> Array:
-    """Return :func:`signed_distances` of the clicks of both views together."""
-    return np.concatenate([signed_distances(road, name, bool(right), uv)
-                           for right, uv in enumerate(clicks_px)], axis=-1)
 
 
 def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
@@ -111,50 +104,51 @@ def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Arr
     :param right: whether the pixels are of the right view.
     :param uv_px: (n, 2) raw pixels.
     """
-    foot = _Foot.of(road, name, right, uv_px)
-    return np.stack([foot.beside_px(uv_px - foot.on_px),
-                     np.abs(foot.beside_px(foot.left_px - foot.on_px)) / _STEP_M])
+    feet = _Feet.of(road, name, right, uv_px)
+    return np.stack([feet.off_px, feet.px_per_m])
 
 
-def _by_rotation(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
-    """Return how far a line moves beside pixels (n, 2) with the rig's rotation, (n, 3) px/rad."""
-    foot = _Foot.of(road, name, right, uv_px)
-    return np.stack([
-        foot.beside_px(road.seen(foot.place_m + np.cross(turn, foot.place_m), right) - foot.on_px)
-        for turn in _STEP_RAD * np.eye(3)], axis=-1) / _STEP_RAD
-
-
-class _Foot(NamedTuple):
+class _Feet(NamedTuple):
     """
     The feet of pixels on a line.
 
+    :param right: whether the pixels are of the right view.
     :param place_m: (n, 3) feet, left optical frame, m.
     :param on_px: (n, 2) their raw pixels.
-    :param left_px: (n, 2) raw pixels of places beside them on the road.
     :param along: (n, 2) directions of the line there.
+    :param off_px: (n,) signed distances of the pixels from the line, px.
+    :param px_per_m: (n,) image scale across the line.
     """
 
+    right: bool
     place_m: Array
     on_px: Array
-    left_px: Array
     along: Array
+    off_px: Array
+    px_per_m: Array
 
     @classmethod
-    def of(cls, road: RoadFit, name: str, right: bool, uv_px: Array) -> _Foot:
-        """Return the feet of raw pixels (n, 2) of a view."""
+    def of(cls, road: RoadFit, name: str, right: bool, uv_px: Array) -> _Feet:
+        """Return the feet of raw pixels (n, 2); arguments as for :func:`signed_distances`."""
         number, zeros = road.number(name), np.zeros(len(uv_px))
         feet = road.foot(number, right, uv_px)
         places = [road.points(number, feet + along_m, zeros + across_m)
                   for along_m, across_m in ((0.0, 0.0), (_STEP_M, 0.0), (0.0, _STEP_M))]
         on, ahead, left = (road.seen(place, right) for place in places)
-        along_px = ahead - on
-        return cls(places[0], on, left,
-                   along_px / np.linalg.norm(along_px, axis=1, keepdims=True))
+        along = (ahead - on) / np.linalg.norm(ahead - on, axis=1, keepdims=True)
+        return cls(right, places[0], on, along, _beside(along, uv_px - on),
+                   np.abs(_beside(along, left - on)) / _STEP_M)
 
-    def beside_px(self, change_px: Array) -> Array:
-        """Return how far (n,) displacements (n, 2) lead beside the line, px."""
-        return np.asarray(
-            self.along[:, 0] * change_px[:, 1] - self.along[:, 1] * change_px[:, 0])
+    def by_rotation(self, road: RoadFit) -> Array:
+        """Return how far the line moves sideways with the rotation of the rig, (n, 3) px/rad."""
+        turned = (self.place_m + np.cross(turn, self.place_m) for turn in _STEP_RAD * np.eye(3))
+        return np.stack([_beside(self.along, road.seen(place_m, self.right) - self.on_px)
+                         for place_m in turned], axis=-1) / _STEP_RAD
+
+
+def _beside(along: Array, change_px: Array) -> Array:
+    """Return how far (n,) displacements (n, 2) lead beside directions (n, 2) of a line, px."""
+    return np.asarray(along[:, 0] * change_px[:, 1] - along[:, 1] * change_px[:, 0])
 
 
 def not_clicked(lines: Mapping[str, ClickDistance], scatter_px: float, most_sigmas: float
