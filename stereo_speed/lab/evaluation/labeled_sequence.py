@@ -105,7 +105,7 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
                for pair in sequence.pairs}
     R = _agreeing_at_infinity(rig, cameras)
     return replace(
-        sequence, rig=StereoRig(*cameras, R, R @ rig.R.T @ rig.t * baseline),
+        sequence, rig=StereoRig(cameras[0], cameras[1], R, R @ rig.R.T @ rig.t * baseline),
         pairs=tuple(replace(p, stamp_ns=p.stamp_ns + late_ns[p.stamp_ns],
                             right_stamp_ns=p.right_stamp_ns + late_ns[p.stamp_ns])
                     for p in sequence.pairs),
