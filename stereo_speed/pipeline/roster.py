@@ -14,6 +14,10 @@ from ..core.records import Array, TrackUpdate
 Begun = tuple[Track, TrackUpdate]  # a new track, and its update for the pair it was found in
 
 _APART = 2.0  # in distances of duplicates; a solution moves a predicted place by less
+# Of two vehicles one behind the other, the fronts are further apart than the shortest car is long;
+# of two side by side, further than a motorcycle is wide.
+_SHORTEST_M = 2.5
+_NARROWEST_M = 0.8
 
 
 class Roster:
@@ -54,13 +58,21 @@ class Roster:
         """
         End one of two tracks that hold the same vehicle.
 
-        The one that does not see the vehicle ends, or the younger one if both see it.
+        The one that does not see the vehicle ends, or the younger one if both see it.  Where one
+        lies within the other's vehicle, the one behind ends, annotated or not: it has slid from a
+        vehicle that cannot be there.
 
         :param stamp_ns: stamp of the current pair.
         :param published: numbers of tracks whose readings of this pair are published already;
             they stay.
         :return: the ended tracks that were confirmed.
         """
+        doubles = self._drop_near(stamp_ns, published)
+        doubles += self._drop_within(stamp_ns, published)
+        return [track for track in doubles if track.confirmed]
+
+    def _drop_near(self, stamp_ns: int, published: Container[int]) -> list[Track]:
+        """End and return detected tracks so near to another one that both hold one front."""
         held: list[Array] = []
         ended: list[Track] = []
         for track in sorted(self.tracks, key=lambda t: (
@@ -71,8 +83,31 @@ class Roster:
             if track.detection is not None and any(
                     np.linalg.norm(at_m - other_m) < self._near_m for other_m in held):
                 self.tracks.remove(track)
-                if track.confirmed:
-                    ended.append(track)
+                ended.append(track)
             else:
                 held.append(at_m)
         return ended
+
+    def _drop_within(self, stamp_ns: int, published: Container[int]) -> list[Track]:
+        """End and return tracks whose front lies within the vehicle of another one, behind it."""
+        sure = [(track, track.last, place_m(track.last, stamp_ns)) for track in self.tracks
+                if track.last is not None and holds(track.last) and track.confirmed
+                and not track.ended]
+        ended = [
+            track for track, last, at_m in sure if track.tracker.track not in published and any(
+                _is_within(at_m, last, other_m) for other, _, other_m in sure
+                if other is not track)]
+        self.tracks = [track for track in self.tracks if track not in ended]
+        return ended
+
+
+def _is_within(at_m: Array, update: TrackUpdate, other_m: Array) -> bool:
+    """
+    Return whether a front lies behind another one, where that one's vehicle is.
+
+    :param at_m: (3,) its place.
+    :param update: the newest update of its track.
+    :param other_m: (3,) place of the other front.
+    """
+    behind, beside = (other_m - at_m) @ update.axes[:, :2]
+    return bool(0 < behind < _SHORTEST_M and abs(beside) < _NARROWEST_M)

@@ -228,6 +228,23 @@ def test_of_two_tracks_of_a_vehicle_the_one_that_sees_it_remains(scene):
     assert pipeline._roster.tracks == [younger]
 
 
+@pytest.mark.parametrize('behind_m, beside_m, stay', [
+    (2.2, 0.6, [0]), (-2.2, 0.6, [1]), (2.8, 0.6, [0, 1]), (2.2, 1.0, [0, 1])])
+def test_front_inside_the_vehicle_ahead_ends(scene, behind_m, beside_m, stay):
+    """Marked fronts too: one that slid to the vehicle ahead would measure that one twice."""
+    sequence, lanes, marks = scene
+    pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), start, annotations=marks)
+    for pair in sequence.pairs[:5]:
+        pipeline.process(pair)
+    tracks = list(pipeline._roster.tracks)
+    there, last = (track.last for track in tracks)
+    tracks[1].last = replace(last, position_m=there.position_m + last.axes[:, :2] @ (
+        -behind_m, beside_m))
+    ended = pipeline._roster.drop_doubles(last.stamp_ns)
+    assert pipeline._roster.tracks == [tracks[k] for k in stay]
+    assert ended == [t for k, t in enumerate(tracks) if k not in stay]
+
+
 def test_track_without_an_earlier_place_starts_at_the_current_one(scene):
     sequence, _, marks = scene
     mark, earlier = seen_before(sequence, marks, moved_px=60.0)
