@@ -14,9 +14,9 @@ from ..core.records import Array, TrackUpdate
 Begun = tuple[Track, TrackUpdate]  # a new track, and its update for the pair it was found in
 
 _APART = 2.0  # in distances of duplicates; a solution moves a predicted place by less
-# Of two vehicles one behind the other, the fronts are further apart than the shortest car is long;
-# of two side by side, further than a motorcycle is wide.
-_SHORTEST_M = 2.5
+# Of two vehicles one behind the other, the fronts are further apart than a motorcycle is long; of
+# two side by side, further than it is wide.
+_SHORTEST_M = 2.0
 _NARROWEST_M = 0.8
 
 

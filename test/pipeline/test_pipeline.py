@@ -229,7 +229,7 @@ def test_of_two_tracks_of_a_vehicle_the_one_that_sees_it_remains(scene):
 
 
 @pytest.mark.parametrize('behind_m, beside_m, stay', [
-    (2.2, 0.6, [0]), (-2.2, 0.6, [1]), (2.8, 0.6, [0, 1]), (2.2, 1.0, [0, 1])])
+    (1.8, 0.6, [0]), (-1.8, 0.6, [1]), (2.2, 0.6, [0, 1]), (1.8, 1.0, [0, 1])])
 def test_front_inside_the_vehicle_ahead_ends(scene, behind_m, beside_m, stay):
     """Marked fronts too: one that slid to the vehicle ahead would measure that one twice."""
     sequence, lanes, marks = scene
