@@ -10,8 +10,9 @@ rotated since its calibration.
 """
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Iterable, Optional
+from typing import Iterable, Optional, Sequence
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from ...road.fitted import RoadFit
 from ...road.lanes import LanePath
 from ...road.problem import DriftPrior, RoadPrior, RoadProblem
 from ...road.solving import in_family, same_family
+from ...road.wander_search import log_probability
 
 ROUNDS = 2  # rounds of finding the markings; a third changes nothing
 _LOOSE = DriftPrior.loose(np.radians(0.2))  # prior of the drift while markings are searched
@@ -44,6 +46,7 @@ _END_STD_PX = 1.0  # 1-sigma of the ends of lines, which are extrapolated
 _END_PX = 4.0  # least distance of a clicked end beyond the last found point for extrapolation
 _LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
 _MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
+_DOUBTFUL = 1e-3  # probability of a turn from which another fit must confirm it
 _STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
 _LEAST_POINTS = 3  # fewest points of a line in a view
 
@@ -267,12 +270,31 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         free = fit_lines(site, rig, first.names, before, prior, free)
     fixed = fit_lines(site, rig, first.names, still, prior, first)
     drift = decide_drift(_drift_by_family(free, fixed, before), config, prior)
+    if drift.moved_probability > _DOUBTFUL:
+        # Beside the best road for a camera that stands still, it may seem to have turned.
+        fixed = max([fixed, *_fitted_anew(site, rig, first.names, still, prior)],
+                    key=log_probability)
+        drift = decide_drift(_drift_by_family(free, fixed, before), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
                         'its calibration', f'{np.degrees(drift.drift_rad[worst]):+.3f} degrees',
                         f'at most {config.most_drift_deg}; calibrate again')
     return _Checked(drift, epipolar, free if drift.moved else fixed, kept)
+
+
+def _fitted_anew(site: Site, rig: StereoRig, names: Sequence[str], still: DriftPrior,
+                 prior: RoadPrior) -> list[RoadFit]:
+    """
+    Return the road of found lines fitted from a guess of its own, or nothing if none is found.
+
+    The fit has local optima, and which one it ends in depends on where it starts.
+
+    :param still: prior of the rotation of a camera that stands as calibrated.
+    """
+    with suppress(SiteError):
+        return [fit_lines(site, rig, names, still, prior)]
+    return []
 
 
 def _drift_by_family(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[FamilyDrift]:

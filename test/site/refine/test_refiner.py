@@ -11,9 +11,12 @@ from stereo_speed.core.errors import SiteError
 from stereo_speed.core.records import StereoPair
 from stereo_speed.geometry.rig import StereoRig
 from stereo_speed.lab.sim.config import circle_config, DISTORTED, RoadConfig, straight_config
+from stereo_speed.road.problem import RoadPrior
+from stereo_speed.road.solving import reshaped
 from stereo_speed.site.extras import as_calibrated, DashPeriod, KnownLength, LinesApart
 from stereo_speed.site.file import LaneSpec, load_site, PickedLine
-from stereo_speed.site.lane_paths import lane_paths
+from stereo_speed.site.lane_paths import fit_lines, lane_paths
+from stereo_speed.site.refine import refiner
 from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.known_lengths import check_lengths
 from stereo_speed.site.refine.picture import picture
@@ -214,6 +217,27 @@ def test_unrefined_site_is_as_certain_as_a_calibration(circle):
     said = lane_paths(replace(scene.site, correction=as_calibrated()), rig)
     for name, lane in plain.items():
         assert lane.scale_std == pytest.approx(said[name].scale_std) and lane.scale_std > 1e-5
+
+
+@pytest.mark.slow
+def test_turn_does_not_rest_on_a_fit_beside_the_best_road(make_scene, monkeypatch):
+    """With an arc in place of a bend of changing curvature the camera seems to have turned."""
+    def stuck(site, rig, names, drift=None, prior=RoadPrior(), near=None):
+        fit = fit_lines(site, rig, names, drift, prior, near)
+        if near is None:
+            anew.append(fit)
+            return fit
+        return reshaped(fit, fit.problem.model.shape._replace(curvature=1))
+
+    anew = []
+    scene = make_scene(circle_config(road=RoadConfig(
+        curvature_start=1 / 70, curvature_end=1 / 45, grade=0.03), rig=replace(
+        straight_config().rig, **SMALL)), 6)
+    monkeypatch.setattr(refiner, 'fit_lines', stuck)
+    refined = refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs)
+    assert len(anew) == 1 and not refined.drift.moved
+    monkeypatch.setattr(refiner, '_fitted_anew', lambda *_: [])
+    assert refine_site(scene.site, scene.sequence.rig, scene.sequence.pairs).drift.moved
 
 
 @pytest.mark.slow
