@@ -46,7 +46,7 @@ _END_STD_PX = 1.0  # 1-sigma of the ends of lines, which are extrapolated
 _END_PX = 4.0  # least distance of a clicked end beyond the last found point for extrapolation
 _LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
 _MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
-_DOUBTFUL = 1e-3  # probability of a turn from which another fit must confirm it
+_DOUBTFUL = 0.01  # probability of a turn from which another fit must confirm it
 _STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
 _LEAST_POINTS = 3  # fewest points of a line in a view
 
