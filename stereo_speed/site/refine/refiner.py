@@ -47,6 +47,7 @@ _END_PX = 4.0  # least distance of a clicked end beyond the last found point for
 _LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
 _MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
 _DOUBTFUL = 0.01  # probability of a turn from which another fit must confirm it
+_SAME_OPTIMUM = 0.25  # square of the distance, in sigmas, of drifts of one optimum
 _STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
 _LEAST_POINTS = 3  # fewest points of a line in a view
 
@@ -269,12 +270,13 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         site = _with_found(clicked, kept)
         free = fit_lines(site, rig, first.names, before, prior, free)
     fixed = fit_lines(site, rig, first.names, still, prior, first)
-    drift = decide_drift(_drift_by_family(free, fixed, before), config, prior)
+    drift = decide_drift(_drift_by_family([fixed, free], before), config, prior)
     if drift.moved_probability > _DOUBTFUL:
-        # Beside the best road for a camera that stands still, it may seem to have turned.
-        fixed = max([fixed, *_fitted_anew(site, rig, first.names, still, prior)],
-                    key=log_probability)
-        drift = decide_drift(_drift_by_family(free, fixed, before), config, prior)
+        # Beside the best road for a camera that stands still, it may seem to have turned, and the
+        # other way round.
+        anew = _fitted_anew(site, rig, first.names, (still, before), prior)
+        fixed = max([fixed, *anew[:1]], key=log_probability)
+        drift = decide_drift(_drift_by_family([free, fixed, *anew], before), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
@@ -283,33 +285,50 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     return _Checked(drift, epipolar, free if drift.moved else fixed, kept)
 
 
-def _fitted_anew(site: Site, rig: StereoRig, names: Sequence[str], still: DriftPrior,
+def _fitted_anew(site: Site, rig: StereoRig, names: Sequence[str], priors: Sequence[DriftPrior],
                  prior: RoadPrior) -> list[RoadFit]:
     """
-    Return the road of found lines fitted from a guess of its own, or nothing if none is found.
+    Return roads of found lines that do not start from the road along which these were found.
 
     The fit has local optima, and which one it ends in depends on where it starts.
 
-    :param still: prior of the rotation of a camera that stands as calibrated.
+    :param priors: priors of the rotation of the right camera.  The first road is fitted from a
+        guess of its own, each other one from that before it.
+    :return: a road for each prior; none if the guess fails.
     """
+    fits: list[RoadFit] = []
     with suppress(SiteError):
-        return [fit_lines(site, rig, names, still, prior)]
-    return []
+        for drift in priors:
+            fits.append(fit_lines(site, rig, names, drift, prior, fits[-1] if fits else None))
+    return fits
 
 
-def _drift_by_family(free: RoadFit, fixed: RoadFit, before: DriftPrior) -> list[FamilyDrift]:
+def _drift_by_family(roads: Sequence[RoadFit], before: DriftPrior) -> list[FamilyDrift]:
     """
     Return the rotation of the right camera for each plausible family of roads.
 
-    :param free: best road if the camera may have rotated, with its rivals.
-    :param fixed: best road if the camera stands as calibrated, with its rivals.
+    One family may have several optima, which all count.
+
+    :param roads: best roads if the camera may have rotated and if it stands as calibrated, from
+        one start or more, with their rivals.
     :param before: prior of the rotation from the background.
     """
-    starts = {(family.problem.model.shape, family.problem.wander is None): (fit, family)
-              for fit in (fixed, free) for family in fit.families}
-    fits = [in_family(*start, before) for start in starts.values()]
+    fits: list[RoadFit] = []
+    for road, family in ((road, family) for road in roads for family in road.families):
+        fit = in_family(road, family, before)
+        if not any(_is_same(fit, other) for other in fits):
+            fits.append(fit)
     return [FamilyDrift(log, fit.drift_rad, fit.covariance[-3:, -3:])
             for log, fit in zip(log_evidences(fits), fits)]
+
+
+def _is_same(fit: RoadFit, other: RoadFit) -> bool:
+    """Return whether two fits of the same picks are of one family, and end in one optimum."""
+    if fit.problem.model.shape != other.problem.model.shape or (
+            (fit.problem.wander is None) != (other.problem.wander is None)):
+        return False
+    apart = fit.drift_rad - other.drift_rad
+    return bool(apart @ np.linalg.solve(fit.covariance[-3:, -3:], apart) < _SAME_OPTIMUM)
 
 
 def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
