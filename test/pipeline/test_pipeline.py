@@ -801,10 +801,10 @@ def test_reading_in_a_dense_pair_does_not_wait_for_another_solution(dense):
 
 
 class Placed:
-    """A tracker whose vehicle moves straight at 30 m/s, some way ahead of another."""
+    """A tracker whose vehicle moves straight at 30 m/s, some way to the left of another."""
 
-    def __init__(self, tracker, ahead_m):
-        self._tracker, self._ahead_m, self._first_ns = tracker, ahead_m, None
+    def __init__(self, tracker, aside_m):
+        self._tracker, self._aside_m = tracker, aside_m
         self.track, self.hurry = tracker.track, tracker.hurry
         self.unsolved_s, self.result = tracker.unsolved_s, tracker.result
 
@@ -814,9 +814,9 @@ class Placed:
 
     def update(self, pair):
         update = self._tracker.update(pair)
-        place_m = 30.0 * pair.stamp_ns * 1e-9 + self._ahead_m(pair.index)
+        place_m = np.array([30.0 * pair.stamp_ns * 1e-9, self._aside_m(pair.index), 0.0])
         return None if update is None else replace(
-            update, speed_mps=30.0, axes=np.eye(3), position_m=np.array([place_m, 0.0, 0.0]))
+            update, speed_mps=30.0, axes=np.eye(3), position_m=place_m)
 
 
 @pytest.mark.parametrize('mover', [0, 1])
@@ -830,10 +830,10 @@ def test_step_contains_all_readings_published_for_the_pair(scene, mover, near_m,
     finder.speed_mps = 30.0
 
     def placed(begun):
-        def ahead_m(k):
+        def aside_m(k):
             return 0.0 if begun.track != mover else (
                 near_m if k >= begins else math.copysign(from_m, near_m))
-        return Placed(start(begun), ahead_m)
+        return Placed(start(begun), aside_m)
     pipeline = SpeedPipeline(sequence.rig, lanes, TrackerConfig(), placed,
                              annotations=marks[:1], detector=finder)
     tracks = []
