@@ -276,7 +276,8 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         # other way round.
         anew = _fitted_anew(site, rig, first.names, (still, before), prior)
         fixed = max([fixed, *anew[:1]], key=log_probability)
-        drift = decide_drift(_drift_by_family([free, fixed, *anew], before), config, prior)
+        roads = [free, fixed, *(road for road in anew if road is not fixed)]
+        drift = decide_drift(_drift_by_family(roads, before), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
