@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.road.first_guess import guess_road, NoRoadError
+from stereo_speed.road.first_guess import guess_road, Hints, NoRoadError
 from stereo_speed.road.fit import fit_road
 from stereo_speed.road.problem import Picks, RoadProblem
 
@@ -55,6 +55,16 @@ def test_views_without_common_points_are_refused(make_scene):
     flat = np.stack([np.linspace(100, 900, 10), np.full(10, 400.0)], axis=-1)
     with pytest.raises(NoRoadError, match='fewer than 3 points in common'):
         guess_road(make_scene().rig, [(flat, flat - [10, 0])], 0)
+
+
+def test_line_above_the_horizon_of_the_others_is_refused(make_scene):
+    """No ray of its picks meets their surface."""
+    scene = make_scene(std_px=0.0)
+    names = list(scene.lines)
+    sky = tuple(view * [1, 0] + [0, 5] for view in scene.lines[names[0]])
+    with pytest.raises(NoRoadError, match='do not meet one road surface'):
+        guess_road(scene.rig, [sky, *(scene.lines[n] for n in names[1:])], 0,
+                   Hints(plane_of=1))
 
 
 def in_a_sag(rig, x_m):

@@ -270,14 +270,14 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
         site = _with_found(clicked, kept)
         free = fit_lines(site, rig, first.names, before, prior, free)
     fixed = fit_lines(site, rig, first.names, still, prior, first)
-    drift = decide_drift(_drift_by_family([fixed, free], before), config, prior)
+    optima = _optima([fixed, free], before)
+    drift = decide_drift(_drift_of(optima), config, prior)
     if drift.moved_probability > _DOUBTFUL:
         # Beside the best road for a camera that stands still, it may seem to have turned, and the
         # other way round.
         anew = _fitted_anew(site, rig, first.names, (still, before), prior)
         fixed = max([fixed, *anew[:1]], key=log_probability)
-        roads = [free, fixed, *(road for road in anew if road is not fixed)]
-        drift = decide_drift(_drift_by_family(roads, before), config, prior)
+        drift = decide_drift(_drift_of(_optima(anew, before, optima)), config, prior)
     worst = int(np.argmax(np.abs(drift.drift_rad)))
     if np.degrees(abs(drift.drift_rad[worst])) > config.most_drift_deg:
         raise SiteError(site.where, f'{("pan", "tilt", "roll")[worst]} of the right camera since '
@@ -304,21 +304,28 @@ def _fitted_anew(site: Site, rig: StereoRig, names: Sequence[str], priors: Seque
     return fits
 
 
-def _drift_by_family(roads: Sequence[RoadFit], before: DriftPrior) -> list[FamilyDrift]:
+def _optima(roads: Sequence[RoadFit], before: DriftPrior, known: Sequence[RoadFit] = ()
+            ) -> list[RoadFit]:
     """
-    Return the rotation of the right camera for each plausible family of roads.
+    Return the best fit of each plausible family of roads, with a camera that may have rotated.
 
     One family may have several optima, which all count.
 
     :param roads: best roads if the camera may have rotated and if it stands as calibrated, from
         one start or more, with their rivals.
     :param before: prior of the rotation from the background.
+    :param known: optima found already, which the result begins with.
     """
-    fits: list[RoadFit] = []
+    fits = list(known)
     for road, family in ((road, family) for road in roads for family in road.families):
         fit = in_family(road, family, before)
         if not any(_is_same(fit, other) for other in fits):
             fits.append(fit)
+    return fits
+
+
+def _drift_of(fits: Sequence[RoadFit]) -> list[FamilyDrift]:
+    """Return the rotation of the right camera by each fit, with the evidence for the fit."""
     return [FamilyDrift(log, fit.drift_rad, fit.covariance[-3:, -3:])
             for log, fit in zip(log_evidences(fits), fits)]
 
