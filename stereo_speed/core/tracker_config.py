@@ -131,6 +131,11 @@ class StartConfig(CheckedRecord):
     any_speed_factor: float = parameter(
         2.5, 0.1, 20.0, '', 'largest speed of these particles, as a multiple of the expected '
         'speed')
+    tall_width_m: float = parameter(
+        2.14, 0.5, 10.0, 'm', 'an annotated front of at least this width is that of a lorry or '
+        'bus, whose windscreen lies behind its bumper and mirrors its surroundings')
+    tall_high_m: float = parameter(
+        1.25, 0.3, 5.0, 'm', 'height above the road up to which such a front is measured')
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from ..road.lanes import LanePath
 from ..second.estimate import SecondOpinion
 from ..steadying.view_lag import ViewLag
 from ..tracking.lane_assigner import LaneAssigner
+from ..tracking.marked_front import measured_part
 from ..tracking.protocol import Refusal, Tracker, TrackStart
 from ..tracking.upright import Upright
 
@@ -65,7 +66,13 @@ class Starter:
 
         :raises InputError: the views do not agree on a front there.
         """
-        track = self._start(front, pair, self._lane_of(front, pair), None, pair)
+        lane = self._lane_of(front, pair)
+        part = measured_part(TrackStart(
+            rig=self.rig, lane=lane, config=self.config, front=front, pair=pair,
+            track=self.next_track, rng=np.random.default_rng(self.seed)))
+        if isinstance(part, Refusal):
+            raise part.error()
+        track = self._start(part, pair, lane, None, pair)
         if isinstance(track, Refusal):
             raise track.error()
         return track
