@@ -115,7 +115,7 @@ class VisibilityConfig(CheckedRecord):
 
 @dataclass(frozen=True)
 class StartConfig(CheckedRecord):
-    """When the left and right quads in the first pair of a track show one front."""
+    """When the quads in the first pair of a track show one front, and how a track starts."""
 
     most_gap_px: float = parameter(
         5.0, 0.1, 100.0, 'px', 'quads whose centres miss a common epipolar line by more than this '
@@ -135,7 +135,8 @@ class StartConfig(CheckedRecord):
         2.14, 0.5, 10.0, 'm', 'an annotated front of at least this width is that of a lorry or '
         'bus, whose windscreen lies behind its bumper and mirrors its surroundings')
     tall_high_m: float = parameter(
-        1.25, 0.3, 5.0, 'm', 'height above the road up to which such a front is measured')
+        1.25, 0.3, 5.0, 'm', 'height above the road up to which such a front is measured, if its '
+        'lower edge is at least 0.3 m below that')
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,9 @@ class VerdictConfig(CheckedRecord):
     least_median_ncc: float = parameter(
         0.6, 0.0, 1.0, '', 'a pass whose median correlation between the views is below this is '
         'rejected as views_disagree')
+    most_scatter_px: float = parameter(
+        0.15, 0.0, 10.0, 'px', 'a pass whose disparities scatter by more than this is rejected as '
+        'views_disagree: more than lamps, reflections and compression explain')
     most_height_change_m: float = parameter(
         0.6, 0.01, 10.0, 'm', 'a pass whose front climbs or sinks by more relative to the path is '
         'rejected as off_path')

@@ -64,15 +64,18 @@ class Starter:
         """
         Return a track at a front that a person annotated in a pair.
 
+        Of a lorry or bus only the part below its windscreen is measured, or all of it where the
+        views do not agree on that part.
+
         :raises InputError: the views do not agree on a front there.
         """
         lane = self._lane_of(front, pair)
         part = measured_part(TrackStart(
             rig=self.rig, lane=lane, config=self.config, front=front, pair=pair,
             track=self.next_track, rng=np.random.default_rng(self.seed)))
-        if isinstance(part, Refusal):
-            raise part.error()
         track = self._start(part, pair, lane, None, pair)
+        if isinstance(track, Refusal) and part is not front:
+            track = self._start(front, pair, lane, None, pair)
         if isinstance(track, Refusal):
             raise track.error()
         return track

@@ -76,8 +76,8 @@ def guess_road(
     :param lines: raw pixels (left (n, 2), right (m, 2)) of each line.
     :param curvature_terms: number of curvature coefficients.
     :param hints: see :class:`Hints`.
-    :raises NoRoadError: the two views have too little in common, or a line does not meet the
-        surface of the others.
+    :raises NoRoadError: the two views have too little in common, or a line of a straight road
+        does not meet the surface of the others.
     """
     followed = _followed(lines) if curvature_terms else list(range(len(lines)))
     in_plane = followed if hints.plane_of is None else [hints.plane_of]
@@ -88,7 +88,8 @@ def guess_road(
     on_road = [_on_road(rig, line, surface, most_m) for line in lines]
     longest = max((on_road[i][0] for i in followed),
                   key=lambda p: np.linalg.norm(p[-1] - p[0]) if len(p) else 0.0)
-    if len(longest) < 2 or not all(len(left) + len(right) for left, right in on_road):
+    all_meet = all(len(left) + len(right) for left, right in on_road)
+    if len(longest) < 2 or not (all_meet or curvature_terms):  # a curved road guesses an offset
         raise NoRoadError('the picks do not meet one road surface')
     n = surface.normal
     return _along(longest, [np.concatenate(views) for views in on_road], curvature_terms,

@@ -4,13 +4,12 @@
 The part of an annotated front that is measured.
 
 The windscreen of a lorry or bus lies behind its bumper and mirrors sky, trees and road.  What it
-mirrors does not grow with the front, which would be taken for a lower speed.  A detected front
-of that width ends below the windscreen anyway.
+mirrors does not grow as the front does, which would be taken for another speed.  A detected front
+of that width ends at the same height, unless lamps clip there.
 """
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Union
 
 import numpy as np
 
@@ -19,25 +18,27 @@ from .protocol import Refusal, TrackStart
 from ..core.records import Array, InitialFront
 from ..vision.haar import PartGrid
 
+_LEAST_HEIGHT_M = 0.3  # least height of the part, as of a detected front
 
-def measured_part(start: TrackStart) -> Union[InitialFront, Refusal]:
+
+def measured_part(start: TrackStart) -> InitialFront:
     """
     Return a front without what lies above the bumper and the grille of a lorry or bus.
 
-    Narrower fronts are returned as they are, and so are quads that have no such lower part, as
-    that of a windscreen alone.
+    Narrower fronts are returned as they are, and so are those of which hardly anything would be
+    left, as of a windscreen alone.  Whether quads that do not match show a front is left to the
+    tracker.
 
     :param start: what a track of the whole front would start from.
-    :return: the part, or why there is no front.
     """
     front, config = start.front, start.config.start
     placed = place_front(start, PartGrid(start.config.parts, start.config.samples_per_part))
     if isinstance(placed, Refusal):
-        return placed
+        return front
     on_plane = placed.front.corners_m + placed.pose[1:]
     top_m, bottom_m = on_plane[:2, 1], on_plane[[3, 2], 1]
     if np.ptp(on_plane[:, 0]) < config.tall_width_m or top_m.max() <= config.tall_high_m \
-            or bottom_m.max() > config.tall_high_m / 2:
+            or bottom_m.max() > config.tall_high_m - _LEAST_HEIGHT_M:
         return front
     above = np.clip((top_m - config.tall_high_m) / (top_m - bottom_m), 0.0, 1.0)
     return replace(front, left_px=_without_top(front.left_px, above),

@@ -14,7 +14,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .posterior import Posterior, SolvedPass
+from .posterior import SolvedPass
 from ..core.passes import PassResult, Reason, SpeedBudget, time_shares, TrackEnd, Verdict
 from ..core.records import Array
 from ..core.tracker_config import TrackerConfig
@@ -84,7 +84,7 @@ def conclude(followed: Pass, rig: StereoRig, config: TrackerConfig) -> PassResul
     profile, of_time = between @ speeds, time_shares(followed.stamps_ns)
     speed = float(of_time @ profile)
     budget = _budget(followed.solved, of_time @ between, abs(speed) * share)
-    reason = _reason(followed, posterior, speeds, (speed, budget.total_mps),
+    reason = _reason(followed, followed.solved, speeds, (speed, budget.total_mps),
                      rig_share(rig, followed.lane, config), config)
     if reason:
         return _result(followed, pairs=len(followed.stamps_ns), reason=reason)
@@ -124,23 +124,25 @@ def _rest(whole: float, part: float) -> float:
     return math.sqrt(max(whole ** 2 - part ** 2, 0.0))
 
 
-def _reason(followed: Pass, posterior: Posterior, speeds: Array, mean: tuple[float, float],
+def _reason(followed: Pass, solved: SolvedPass, speeds: Array, mean: tuple[float, float],
             share: float, config: TrackerConfig) -> Optional[Reason]:
     """
     Return why a pass is rejected; None if it is not.
 
+    :param solved: its solution.
     :param speeds: (n,) ground speed in each observation, m/s.
     :param mean: the speed of the pass and its 1-sigma, m/s.
     :param share: 1-sigma of the scale due to the rig.
     """
-    limits, (speed_mps, std_mps) = config.verdict, mean
+    limits, posterior, (speed_mps, std_mps) = config.verdict, solved.posterior, mean
     if len(followed.stamps_ns) < limits.least_pairs:
         return Reason.TOO_FEW_PAIRS
     if followed.extent_px < limits.least_width_px:
         return Reason.TOO_FAR
-    if not np.median(posterior.cross_ncc) > limits.least_median_ncc:
+    if not np.median(posterior.cross_ncc) > limits.least_median_ncc \
+            or solved.scatter_px > limits.most_scatter_px:
         return Reason.VIEWS_DISAGREE
-    if followed.solved is not None and followed.solved.clock_set:
+    if solved.clock_set:
         return Reason.STAMPS_UNCERTAIN
     if np.ptp(posterior.mean[:, 2]) > limits.most_height_change_m:
         return Reason.OFF_PATH

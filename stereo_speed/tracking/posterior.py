@@ -137,6 +137,7 @@ class SolvedPass:
     :param exact_stamps: (n, n) covariance of the speeds if stamps were exact.
     :param exact_path: (n, n) the same if the path's heading were exact as well.
     :param clock_set: whether the clock of the stamps seems to have been set forward in it.
+    :param scatter_px: r.m.s. of the systematic scatter of its disparities, px.
     """
 
     posterior: Posterior
@@ -144,3 +145,4 @@ class SolvedPass:
     exact_stamps: Array
     exact_path: Array
     clock_set: bool = False
+    scatter_px: float = 0.0

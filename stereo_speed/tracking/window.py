@@ -218,7 +218,8 @@ class PhotometricWindow:
         return SolvedPass(
             posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
             _given_heading(covariance, at) + of_speeds,
-            clock_was_set(window, self._solver, self.motions.assumed, self.gaps))
+            clock_was_set(window, self._solver, self.motions.assumed, self.gaps),
+            math.hypot(self.config.noise.match_floor_px, window.more_px))
 
     def _begun_where_shown(self) -> Optional[Posterior]:
         """

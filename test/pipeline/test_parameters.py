@@ -438,6 +438,7 @@ HIGH = {'front__low_m': 1.0, 'front__high_m': 2.5}  # where a car has no texture
 UNCERTAIN = {'max_speed_std_mps': 0.0, 'max_speed_std_share': 0.0}
 AT_ONCE = {'visibility.confirm_pairs': 1}
 ANY_STD = {'max_speed_std_share': 1.0}
+ANY_SCATTER = {'verdict.most_scatter_px': 10.0}
 # Parameters that have an effect only in other scenarios, or at other values.
 CASES: dict[str, Case] = {
     'particles': Case('passing', 60),
@@ -469,12 +470,14 @@ CASES: dict[str, Case] = {
     'start.tall_high_m': Case('start', 0.7, {'start.tall_width_m': 1.0}),
     'verdict.least_width_px': Case('passing', 100.0),
     'verdict.far_width_px': Case('passing', 100.0, UNCERTAIN),
-    'verdict.most_height_change_m': Case('crossing', 0.1),
+    'verdict.most_scatter_px': Case('passing', 0.001),
+    'verdict.most_height_change_m': Case('crossing', 0.1, ANY_SCATTER),
     'verdict.most_speed_mps': Case('passing', 20.0),
     'verdict.most_acceleration_mps2': Case(
         'passing', 0.1, AT_ONCE | {'visibility.speed_change_sigmas': 0.0}),
-    'verdict.off_road_m': Case('crossing', 0.1, ANY_STD),
-    'verdict.off_road_share': Case('crossing', 1.0, ANY_STD | {'verdict.off_road_m': 0.1}),
+    'verdict.off_road_m': Case('crossing', 0.1, ANY_STD | ANY_SCATTER),
+    'verdict.off_road_share': Case(
+        'crossing', 1.0, ANY_STD | ANY_SCATTER | {'verdict.off_road_m': 0.1}),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),
     'noise.blur_doubt': Case('blurred', 0.0),

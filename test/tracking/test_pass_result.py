@@ -101,6 +101,13 @@ def test_each_reason_for_rejection(reason, changes):
     assert result.speed_mps is None and result.smoothed == {}
 
 
+@pytest.mark.parametrize('scatter_px, reason', [(0.1, ''), (0.2, 'views_disagree')])
+def test_disparities_that_scatter_too_much_are_rejected(scatter_px, reason):
+    scattered = found()
+    solved = replace(scattered.solved, scatter_px=scatter_px)
+    assert conclude(replace(scattered, solved=solved), rig(), EXACT).reason == reason
+
+
 @pytest.mark.parametrize('reason, column, values', [
     ('off_path', 2, [0.0, 0.2, 0.4, 0.6, 0.8]), ('views_disagree', None, 0.4)])
 def test_each_image_based_reason_for_rejection(reason, column, values):

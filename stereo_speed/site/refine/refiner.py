@@ -309,18 +309,22 @@ def _optima(roads: Sequence[RoadFit], before: DriftPrior, known: Sequence[RoadFi
     """
     Return the best fit of each plausible family of roads, with a camera that may have rotated.
 
-    One family may have several optima, which all count.
+    One family may have several optima, which all count.  Of fits that ended in one optimum, the
+    most probable one does.
 
     :param roads: best roads if the camera may have rotated and if it stands as calibrated, from
         one start or more, with their rivals.
     :param before: prior of the rotation from the background.
-    :param known: optima found already, which the result begins with.
+    :param known: optima found already, of the same picks.
     """
     fits = list(known)
     for road, family in ((road, family) for road in roads for family in road.families):
         fit = in_family(road, family, before)
-        if not any(_is_same(fit, other) for other in fits):
+        same = next((k for k, other in enumerate(fits) if _is_same(fit, other)), None)
+        if same is None:
             fits.append(fit)
+        elif log_probability(fit) > log_probability(fits[same]):
+            fits[same] = fit
     return fits
 
 
