@@ -81,9 +81,14 @@ class SpeedDoubt:
         """
         Return the result of a pass with this uncertainty added; rejected if it is too large.
 
+        The views of a camera that has turned during the pass may disagree; the turn is the cause
+        then.
+
         :param share: :meth:`share` of its lane when the pass ended.
         """
         speed, budget = result.speed_mps, result.budget
+        if result.reason == Reason.VIEWS_DISAGREE and share >= self.most_share:
+            return result.rejected(Reason.RIG_UNCERTAIN)
         if speed is None or not share:
             return result
         whole = share if budget is None else math.hypot(share, budget.calibration_mps / speed)

@@ -139,8 +139,7 @@ def _reason(followed: Pass, solved: SolvedPass, speeds: Array, mean: tuple[float
         return Reason.TOO_FEW_PAIRS
     if followed.extent_px < limits.least_width_px:
         return Reason.TOO_FAR
-    if not np.median(posterior.cross_ncc) > limits.least_median_ncc \
-            or solved.scatter_px > limits.most_scatter_px:
+    if not np.median(posterior.cross_ncc) > limits.least_median_ncc:
         return Reason.VIEWS_DISAGREE
     if solved.clock_set:
         return Reason.STAMPS_UNCERTAIN
@@ -156,6 +155,8 @@ def _reason(followed: Pass, solved: SolvedPass, speeds: Array, mean: tuple[float
     if not std_mps < max(config.max_speed_std_share * speeds.mean(), config.max_speed_std_mps):
         far = followed.extent_px < limits.far_width_px
         return Reason.TOO_FAR if far else Reason.UNCERTAIN
+    if solved.scatter_px > limits.most_scatter_px:  # last, as any of the above may be the cause
+        return Reason.VIEWS_DISAGREE
     return None
 
 

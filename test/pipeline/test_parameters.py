@@ -471,7 +471,7 @@ CASES: dict[str, Case] = {
     'verdict.least_width_px': Case('passing', 100.0),
     'verdict.far_width_px': Case('passing', 100.0, UNCERTAIN),
     'verdict.most_scatter_px': Case('passing', 0.001),
-    'verdict.most_height_change_m': Case('crossing', 0.1, ANY_SCATTER),
+    'verdict.most_height_change_m': Case('crossing', 0.1),
     'verdict.most_speed_mps': Case('passing', 20.0),
     'verdict.most_acceleration_mps2': Case(
         'passing', 0.1, AT_ONCE | {'visibility.speed_change_sigmas': 0.0}),

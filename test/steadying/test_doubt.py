@@ -129,6 +129,13 @@ def test_vehicle_seen_before_and_after_a_rotation_was_found_is_withheld(watch, d
     assert result.reason == Reason.RIG_UNCERTAIN
 
 
+@pytest.mark.parametrize('reason, share, wanted', [
+    ('views_disagree', 1e-4, 'views_disagree'), ('views_disagree', math.inf, 'rig_uncertain'),
+    ('too_far', math.inf, 'too_far')])
+def test_views_that_disagree_after_a_turn_are_blamed_on_it(doubt, reason, share, wanted):
+    assert doubt.result(RESULT.rejected(Reason(reason)), share).reason == wanted
+
+
 def test_readings_wait_while_the_state_of_a_swaying_rig_is_unknown(doubt):
     assert doubt.update(UPDATE, steadier(lost=True)).state is TrackState.TENTATIVE
     coasting = replace(UPDATE, state=TrackState.COASTING)
