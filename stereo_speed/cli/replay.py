@@ -219,7 +219,8 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         **evidence.summary(), **refinement,
         **({} if steady is None else {'steadiness': steadiness_summary(steady)})}
     return _Measured(place, result, frames, summary, dict(bag.pairing),
-                     [] if steady is None else steadiness_lines(steady), evidence.lines(),
+                     [] if steady is None else steadiness_lines(
+                         steady, has_rest=place.reference is not None), evidence.lines(),
                      len(feed.boxes))
 
 

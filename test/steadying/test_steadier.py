@@ -38,7 +38,7 @@ def test_fixed_rig_is_unchanged(rig, take):
     for k in range(8):
         pair = take(k)
         assert steadier.steady(pair) is pair
-    assert steadiness_lines(steadier.state()) == [] and warning(steadier) == ''
+    assert steadiness_lines(steadier.state(), has_rest=False) == [] and warning(steadier) == ''
 
 
 def test_state_is_available_before_the_first_pair_and_after_a_time_jump(rig, take):
@@ -59,6 +59,8 @@ def test_sway_is_found_in_each_pair_and_reported(rig, take):
     state = steadier.state()
     assert state.swayed == 7 and 0.03 < state.sway_rms_deg[0] < 0.3
     assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 examined pairs')
+    assert len(steadiness_lines(state)) == 1
+    assert '--refine-site' in steadiness_lines(state, has_rest=False)[1]
 
 
 @pytest.mark.slow
