@@ -176,7 +176,8 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
         if helpers.ahead:  # a thread, thus only now that the processes are forked
             bag.hash_ahead()
         place = MeasuringSite.of(
-            site, bag.rig, bag.pairs() if args.refine_site else None, config.site)
+            site, bag.rig, bag.pairs() if args.refine_site else None, config.site,
+            stand_by=bag.pairs())
         done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
         place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))
@@ -219,8 +220,7 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         **evidence.summary(), **refinement,
         **({} if steady is None else {'steadiness': steadiness_summary(steady)})}
     return _Measured(place, result, frames, summary, dict(bag.pairing),
-                     [] if steady is None else steadiness_lines(
-                         steady, has_rest=place.reference is not None), evidence.lines(),
+                     [] if steady is None else steadiness_lines(steady), evidence.lines(),
                      len(feed.boxes))
 
 

@@ -82,6 +82,8 @@ class PassTrace:
     :param pairs: pairs that the tracker was fed, in order of stamps.
     :param stamp_std_s: 1-sigma of the stamps assumed at the start, s, if they were less even than
         the parameter ``stamp_std_s`` says; None otherwise.
+    :param rest_std_rad: 1-sigmas of the lane's direction, across and up, by how the rig sways,
+        rad; None where it does not, or its rest is known.
     """
 
     track: int
@@ -92,6 +94,7 @@ class PassTrace:
     seen_mps: Optional[float]
     pairs: tuple[TracePair, ...]
     stamp_std_s: Optional[float] = None
+    rest_std_rad: Optional[tuple[float, float]] = None
 
     def shown(self, measured_ns: Container[int]) -> tuple[TracePair, ...]:
         """

@@ -25,7 +25,8 @@ FORMAT = 1
 # Left out because the trace or pair implies them; a calibrated camera has no rotation.
 _LEFT_OUT: Mapping[type, tuple[str, ...]] = {
     TrackUpdate: ('stamp_ns', 'track'), Camera: ('rotation',)}
-_IF_KNOWN: Mapping[type, tuple[str, ...]] = {TracePair: ('stamp_std_s',)}  # rarely known
+_IF_KNOWN: Mapping[type, tuple[str, ...]] = {  # fields that are rarely known
+    TracePair: ('stamp_std_s',), PassTrace: ('rest_std_rad',)}
 _SHAPES = {'position_m': (3,), 'position_cov_m2': (3, 3), 'axes': (3, 3), **dict.fromkeys(
     ('left_px', 'right_px', 'quad_left_px', 'quad_right_px'), (4, 2))}
 

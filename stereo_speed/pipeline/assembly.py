@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
+from itertools import islice
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence
+
+import numpy as np
 
 from .conclusions import Conclusions
 from .config import PipelineConfig, SiteConfig
@@ -23,6 +26,7 @@ from ..site.lane_paths import lane_paths
 from ..site.refine.empty_road import spread_pairs
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..steadying.config import SteadyingConfig
+from ..steadying.rest import REST_PAIRS
 from ..steadying.steadier import Reference, rest_of, Steadier
 
 MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # last, its settings
@@ -39,8 +43,8 @@ class MeasuringSite:
     :param refined: result of the refinement; None where there was none.
     :param not_refined: why a requested refinement failed, so that the site is used as read; empty
         otherwise.
-    :param reference: the pair that the rig's sway is measured against, with the rig's rest
-        position; None to use the first measured pair.
+    :param reference: the pair that the rig's sway is measured against, and how the rig stands in
+        the site, relative to that pair; None to learn it from the first measured pairs.
     :param corrected: whether lines and rig come from later checks of the rig, not from the file.
     """
 
@@ -55,7 +59,8 @@ class MeasuringSite:
     @classmethod
     def of(cls, site: Site, rig: StereoRig,
            refine_by: Optional[Iterable[StereoPair]] = None,
-           config: SiteConfig = SiteConfig()) -> MeasuringSite:
+           config: SiteConfig = SiteConfig(), *,
+           stand_by: Optional[Iterable[StereoPair]] = None) -> MeasuringSite:
         """
         Return a site ready to be measured at.
 
@@ -64,6 +69,9 @@ class MeasuringSite:
         :param refine_by: pairs to refine the site by; where that fails, the site is used as read.
             None to use it as read without refinement.
         :param config: priors of roads, and how to refine.
+        :param stand_by: the first pairs that will be measured, which tell the rest of a rig that
+            sways; not used where the site is refined, as the lines tell it.  None to learn it
+            while measuring.
         :raises SiteError: the lines give no usable road.
         """
         not_refined = ''
@@ -76,7 +84,9 @@ class MeasuringSite:
                 not_refined = str(error)
         corrected = site.corrected_rig(rig)
         return cls(site, corrected, lane_paths(site, corrected, config.road),
-                   not_refined=not_refined)
+                   not_refined=not_refined,
+                   reference=None if stand_by is None else _swaying_reference(
+                       corrected, stand_by, config.steadying))
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *,
@@ -118,19 +128,33 @@ def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: Steadyin
     :param pairs: a few pairs, spread over some time.
     :param config: how the sway is found; where it is disabled, pairs are returned unchanged.
     """
-    reference = _reference(rig, pairs, config)
-    if reference is None:
+    rest = rest_of(Steadier(rig, _each_pair(config)), pairs) if config.enabled else None
+    if rest is None:
         return list(pairs), None
+    # Lines that are found in these pairs turn with an error of the rest, which is thus none.
+    reference = replace(rest, covariance_rad2=np.zeros((3, 3)))
     steadier = Steadier(rig, _each_pair(config), reference)
     return [steadied(steadier.steady(pair), rig) for pair in pairs], reference
 
 
-def _reference(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
-               ) -> Optional[Reference]:
-    """Return the reference of a rig's sway from the pairs that a site is refined by."""
-    if not (config.enabled and pairs):
+def _swaying_reference(rig: StereoRig, pairs: Iterable[StereoPair], config: SteadyingConfig
+                       ) -> Optional[Reference]:
+    """
+    Return the reference of a rig that sways from the start, by the mean of its first pairs.
+
+    :return: None if it stands still at first; the first pair is its reference then.
+    """
+    if not config.enabled:
         return None
-    return rest_of(Steadier(rig, _each_pair(config)), pairs)
+    steadier = Steadier(rig, _each_pair(config))
+
+    def while_open() -> Iterator[StereoPair]:
+        for pair in islice(pairs, REST_PAIRS):
+            yield pair
+            if steadier.knows_rest:
+                return
+    reference = rest_of(steadier, while_open())
+    return reference if steadier.state().swayed else None
 
 
 def _each_pair(config: SteadyingConfig) -> SteadyingConfig:

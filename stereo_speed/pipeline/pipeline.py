@@ -124,7 +124,8 @@ class SpeedPipeline:
         self.doubt = StreamDoubt(rig, self.lanes, config, self._roster, steadier)
         self._intake = Intake(rig, config, self._roster)
         self._starter = Starter(
-            rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubt.lag)
+            rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubt.lag,
+            self.doubt.direction_std_rad)
         self._open = OpenWork(solving, self._roster, self._intake, self._starter)
         self._endings = Endings(self._roster, self._open, self.doubt,
                                 AtOnce() if conclusions is None else conclusions)
@@ -186,7 +187,7 @@ class SpeedPipeline:
         if searches and not pace.dense:
             search.expect(pair, self._roster.tracks)
         particles = self._share_out(pair, pace)
-        self.doubt.see_drift()
+        self.doubt.see_rig()
         if self.doubt.lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
         follow = self._followed_beside if pace.beside else self._followed
@@ -201,7 +202,7 @@ class SpeedPipeline:
         elif searches:
             new += self._detect(pair)
         if new:
-            self.doubt.see_drift()
+            self.doubt.see_rig()
         return _known([*updates, *new])
 
     def _with_lag(self, pair: StereoPair, updates: list[TrackUpdate]) -> list[TrackUpdate]:

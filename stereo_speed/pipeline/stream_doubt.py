@@ -63,6 +63,17 @@ class StreamDoubt:
         """Return a pair with the motion of its rig."""
         return pair if self.steadier is None else self.steadier.steady(pair)
 
+    def direction_std_rad(self, lane: LanePath) -> Optional[tuple[float, float]]:
+        """
+        Return the 1-sigmas of a lane's direction, across and up, by how the rig sways, rad.
+
+        :return: None where the rig does not sway, or its rest is known.
+        """
+        if self.steadier is None or not self.steadier.rest_covariance_rad2.any():
+            return None
+        across, up = lane.direction_std_rad(self.steadier.rest_covariance_rad2)
+        return float(across), float(up)
+
     # -- what tracks are told -------------------------------------------------------------
 
     def see_stamps(self) -> Optional[float]:
@@ -91,11 +102,12 @@ class StreamDoubt:
             for track in self._roster.tracks:
                 track.see_gaps(gaps)
 
-    def see_drift(self) -> None:
-        """Tell the tracks the estimated rotation of the right camera."""
+    def see_rig(self) -> None:
+        """Tell the tracks the rotation of the right camera, and whether the rig's rest is open."""
         if self.steadier is not None:
             for track in self._roster.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
+                track.unsettled |= self.steadier.settling
 
     # -- what is added to readings and passes ---------------------------------------------
 
@@ -106,8 +118,10 @@ class StreamDoubt:
         widened = [times.widened(u, tracks[u.track])
                    for u in updates if u is not None and u.track in tracks]
         if steadier is not None:
-            widened = [self._rig_doubt.update(u, steadier, tracks[u.track].drift_change_rad)
-                       for u in widened]
+            widened = [
+                u.unconfirmed() if tracks[u.track].unsettled else
+                self._rig_doubt.update(u, steadier, tracks[u.track].drift_change_rad)
+                for u in widened]
         return [with_unnoticed(u, self.config.visibility) for u in widened]
 
     def readings(self, updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:

@@ -60,6 +60,8 @@ class Track:
         right stamps; None if it cannot.
     :param drift_rad: (3,) estimated rotation of the right camera in its first pair.
     :param drift_change_rad: (3,) largest absolute change of that rotation in its pairs so far.
+    :param unsettled: whether, in one of its pairs, it was not known how a swaying rig stands in
+        the site.
     """
 
     tracker: Tracker
@@ -84,6 +86,7 @@ class Track:
     restart_pairs: Optional[list[StereoPair]] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
+    unsettled: bool = False
 
     @property
     def lies(self) -> bool:
@@ -218,6 +221,8 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
     :param config: parameters that all trackers share.
     :param pair: the pair of its first front.
     """
+    if trace.rest_std_rad is not None:
+        lane = lane.with_direction_std(np.array(trace.rest_std_rad))
     return TrackStart(
         rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
         config=replace(with_stamps(config, trace), particles=trace.particles),

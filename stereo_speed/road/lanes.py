@@ -3,7 +3,7 @@
 """The paths of lanes, midway between two lines of a fitted road or between surveyed lines."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional
 
 import numpy as np
@@ -50,6 +50,24 @@ class LanePath:
     scale_std: float = 0.0
     scale_profile: Optional[tuple[Array, Array]] = None
     shape_std: float = 0.0
+
+    def with_direction_std(self, std_rad: Array) -> LanePath:
+        """
+        Return the lane with a further, independent uncertainty of its direction.
+
+        :param std_rad: (2,) its 1-sigma across and up, rad.
+        """
+        return replace(self, heading_std_rad=np.hypot(self.heading_std_rad, std_rad))
+
+    def direction_std_rad(self, covariance_rad2: Array) -> Array:
+        """
+        Return the 1-sigma (2,) of the direction, across and up, after an uncertain rotation, rad.
+
+        :param covariance_rad2: (3, 3) covariance of its rotation vector, rad^2.
+        """
+        _, across, up = self.path.frame(np.array(self.path.length_m / 2)).T
+        # It turns across about the axis up, and up about the axis across.
+        return np.sqrt([axis @ covariance_rad2 @ axis for axis in (up, across)])
 
     def scale_std_at(self, s_m: Array) -> Array:
         """

@@ -17,22 +17,18 @@ def steadiness_summary(state: Steadiness) -> dict[str, Any]:
             for key, value in asdict(state).items()}
 
 
-def steadiness_lines(state: Steadiness, *, has_rest: bool = True) -> list[str]:
-    """
-    Return lines for the user; none for a rig that stood still.
-
-    :param has_rest: whether how the rig stands in the site is known from its mean over many pairs;
-        else it is assumed to stand so in the first pair.
-    """
+def steadiness_lines(state: Steadiness) -> list[str]:
+    """Return lines for the user; none for a rig that stood still."""
     out = []
     if state.swayed:
         out.append(f'the rig swayed in {state.swayed} of {state.looks} examined pairs, r.m.s. '
                    f'{_angles(state.sway_rms_deg)}; its mean rotation since the site was learnt '
                    f'is {_angles(state.rest_deg, "+")}')
-        if not has_rest:
-            out.append('as the rig sways, speeds may be wrong by more than their 1-sigma: it is '
-                       'taken to stand in the first pair as in the site; --refine-site learns '
-                       'from all pairs how it stands')
+        if any(state.standing_std_deg):
+            out.append('how the rig stands in the site is known to '
+                       f'{_angles(state.standing_std_deg)}: the site is taken to be drawn as it '
+                       'stands in the mean of its first pairs; --refine-site finds its lines in '
+                       'the pairs themselves')
     if any(state.drift_deg):
         out.append(f'the right camera has turned by {_angles(state.drift_deg, "+")} since the '
                    f'first pair (± {_angles(state.drift_std_deg)})')

@@ -12,19 +12,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 import math
-from typing import Optional, Sequence
+from typing import Iterable, Optional, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .config import SteadyingConfig
 from .drift_filter import DriftFilter
+from .rest import Rest, REST_PAIRS, SETTLED_PAIRS, STILL_PAIRS
 from .view_rotation import Rotated, ViewRotation
 from ..core.records import Array, RigMotion, StereoPair
 from ..geometry.rig import StereoRig
 
 _ORDER = [1, 0, 2]  # indices of pan, tilt and roll in the components of a rotation vector
-_REST_PAIRS = 100  # number of pairs that the rest of the rig is averaged over
 _LEAST_PROBABILITY = 0.5  # of a sway; less probable ones are ignored, as of a static rig
 _MOST_ODDS = 500.0  # bound of the log odds, against overflow
 
@@ -40,6 +40,8 @@ class Steadiness:
     :param swayed: number of looks in which the rig had swayed.
     :param sway_rms_deg: r.m.s. of the sway about the rest of the rig.
     :param rest_deg: current rest of the rig, relative to how it stood when the site was learnt.
+    :param standing_std_deg: 1-sigma of how the rig stands in the site, as far as its sway makes
+        that uncertain; zeros if it has not swayed.
     :param drift_deg: drift of the right camera relative to the left one; zeros if it has not
         turned.
     :param drift_std_deg: 1-sigma of the drift.
@@ -52,6 +54,7 @@ class Steadiness:
     swayed: int = 0
     sway_rms_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rest_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    standing_std_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drift_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drift_std_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turns: int = 0
@@ -65,10 +68,12 @@ class Reference:
     :param pair: the pair.
     :param rest_rad: (3,) pan, tilt and roll from the rig in that pair to the rig at rest, which is
         how it stands in the site, rad.
+    :param covariance_rad2: (3, 3) their covariance, rad^2.
     """
 
     pair: StereoPair
     rest_rad: Array
+    covariance_rad2: Array
 
 
 class Steadier:
@@ -77,13 +82,15 @@ class Steadier:
 
     :param rig: the rig as it stands in the reference.
     :param config: parameters.
-    :param reference: reference that pairs are compared with; None for the first pair, in which the
-        rig is assumed to stand as in the site.
+    :param reference: reference that pairs are compared with; None for the first pair.  The rig
+        then stands in the site as in that pair or, if it sways at once, as in the mean of its first
+        pairs.
     """
 
     def __init__(self, rig: StereoRig, config: SteadyingConfig,
                  reference: Optional[Reference] = None) -> None:
         self.rig, self.config, self.reference = rig, config, reference
+        self._prior_std_rad = math.radians(config.sway_std_deg)
         self._right_of_left = rig.R[np.ix_(_ORDER, _ORDER)]
         self.reset()
 
@@ -95,10 +102,11 @@ class Steadier:
         self._pairs = self._looks = self._unknown = self._swayed = self._missed = 0
         self._still_looks = self._last_look_ns = 0
         self._drift_pair = 0  # number of the pair with the last measurement of the drift
-        self._rest_rad: Array = np.zeros(3)
-        self._rest: Array = np.zeros(3)
+        self._rest = Rest(self._prior_std_rad)
+        self._known_rest: Optional[tuple[Array, Array]] = None
         if self.reference is not None:
-            self._learn(self.reference)
+            self._learn(self.reference.pair)
+            self._known_rest = self.reference.rest_rad, self.reference.covariance_rad2
 
     def steady(self, pair: StereoPair) -> StereoPair:
         """Return a pair with the motion of the rig filled in."""
@@ -119,9 +127,9 @@ class Steadier:
         before = self._swayed, self.drift.turns
         self._looks += 1
         if self._views is None or self._missed >= self.config.renew_pairs:
-            # The known details are gone for good, as by night or by road works: the current pose
-            # is the best guess of the rest.
-            self._learn(Reference(pair, np.zeros(3)))
+            # There are none yet, or the known details are gone for good, as by night or by road
+            # works: the rest is learnt, anew.
+            self._learn(pair)
         left, right = self._measured(pair)
         if left is not None and right is not None:
             # The reference compared with itself carries no information, not even its own noise.
@@ -140,17 +148,16 @@ class Steadier:
         """Return whether the rig sways and its pose in the newest pair is unknown."""
         return self._missed > 0 and self._swayed > 0
 
-    def _learn(self, reference: Reference) -> None:
-        """Use another reference from now on."""
-        self._views = (ViewRotation(self.rig.left, reference.pair.left, self.config),
-                       ViewRotation(self.rig.right, reference.pair.right, self.config))
-        self._reference_pair = reference.pair
-        self._rest_rad, self._missed = reference.rest_rad, 0
+    def _learn(self, pair: StereoPair) -> None:
+        """Compare with another pair from now on, whose pose relative to the rest is unknown."""
+        self._views = (ViewRotation(self.rig.left, pair.left, self.config),
+                       ViewRotation(self.rig.right, pair.right, self.config))
+        self._reference_pair, self._missed = pair, 0
         self.drift.renew()
         # A right camera that has turned before is already turned in this reference.
         self._drift_base = self.drift.mean_rad
         self._last_rad: Array = np.zeros(3)
-        self._rest = np.zeros(3)
+        self._rest, self._known_rest = Rest(self._prior_std_rad), None
 
     @property
     def _drift_seen_rad(self) -> Array:
@@ -159,15 +166,44 @@ class Steadier:
 
     def _from_rest(self, sway_rad: Array) -> Array:
         """Return the sway relative to the rest, given the sway relative to the reference, rad."""
-        if not np.any(self._rest_rad):
+        site_rad = self.standing[0]
+        if not np.any(site_rad):
             return sway_rad
-        whole, rest = (Rotation.from_rotvec(_vector(a)) for a in (sway_rad, self._rest_rad))
+        whole, rest = (Rotation.from_rotvec(_vector(a)) for a in (sway_rad, site_rad))
         return np.asarray((rest.inv() * whole).as_rotvec()[_ORDER])
+
+    @property
+    def standing(self) -> tuple[Array, Array]:
+        """
+        Return how the rig stands in the site: the angles (3,) from the reference, and covariance.
+
+        Unless the reference tells, this is the rest of its first pairs, rad and rad^2.
+        """
+        if self._known_rest is not None:
+            return self._known_rest
+        return (self._rest.mean_rad if self._rest.moves else np.zeros(3),
+                self._rest.covariance_rad2)
+
+    @property
+    def knows_rest(self) -> bool:
+        """Return whether enough pairs have told how the rig stands in the site."""
+        return self._known_rest is not None
+
+    @property
+    def settling(self) -> bool:
+        """Return whether the rig sways and too few pairs tell yet how it stands in the site."""
+        return self._known_rest is None and self._rest.moves and self._rest.pairs < SETTLED_PAIRS
+
+    @property
+    def rest_covariance_rad2(self) -> Array:
+        """Return the covariance (3, 3) of the rotation vector by which the rest is uncertain."""
+        return np.asarray(self.standing[1][np.ix_(_ORDER, _ORDER)])
 
     @property
     def rest(self) -> RigMotion:
         """Return the current rest of the rig, relative to its pose when the site was learnt."""
-        return RigMotion(_angles(self._from_rest(self._rest)), _angles(self.drift.corrected_rad))
+        return RigMotion(_angles(self._from_rest(self._rest.mean_rad)),
+                         _angles(self.drift.corrected_rad))
 
     def state(self) -> Steadiness:
         """Return what has been found so far."""
@@ -176,7 +212,8 @@ class Steadier:
         return Steadiness(
             pairs=self._pairs, looks=self._looks, unknown=self._unknown, swayed=self._swayed,
             sway_rms_deg=_degrees(np.sqrt(mean_square)),
-            rest_deg=_degrees(self._from_rest(self._rest)),
+            rest_deg=_degrees(self._from_rest(self._rest.mean_rad)),
+            standing_std_deg=_degrees(np.sqrt(np.diag(self.standing[1]))),
             drift_deg=_degrees(self.drift.corrected_rad),
             drift_std_deg=_degrees(np.sqrt(np.diag(self.drift.covariance_rad2))),
             turns=self.drift.turns)
@@ -228,14 +265,14 @@ class Steadier:
                 spread, back @ (right.angles_rad - self._drift_seen_rad))
         if left is None and right is None:
             self._unknown, self._missed = self._unknown + 1, self._missed + 1
-            return self._rest if self._swayed else np.zeros(3)
+            return self._rest.mean_rad if self._swayed else np.zeros(3)
         self._missed = 0
         covariance: Array = np.asarray(np.linalg.inv(information), np.float64)
         angles = covariance @ weighted_sum
-        self._update_rest(angles)
         probability = self._sway_probability(angles, covariance)
         swayed = probability > _LEAST_PROBABILITY
         self._swayed += swayed
+        self._update_rest(angles)
         return probability * angles if swayed else np.zeros(3)
 
     def _sway_probability(self, angles: Array, covariance: Array) -> float:
@@ -251,9 +288,13 @@ class Steadier:
 
     def _update_rest(self, angles: Array) -> None:
         """Update the rest and the sway about it by the pose in a pair."""
-        known = self._looks - self._unknown
-        self._rest = self._rest + (angles - self._rest) / min(known, _REST_PAIRS)
-        self._square = self._square + (angles - self._rest) ** 2
+        rest = self._rest
+        rest.add(angles)
+        rest.moves = self._swayed > 0
+        self._square = self._square + (angles - rest.mean_rad) ** 2
+        enough = REST_PAIRS if rest.moves else STILL_PAIRS
+        if self._known_rest is None and rest.pairs >= enough:
+            self._known_rest = self.standing  # what changes later is no error of the site
 
 
 def _vector(angles_rad: Array) -> Array:
@@ -271,12 +312,16 @@ def _degrees(values: Array) -> tuple[float, float, float]:
     return _angles(np.degrees(values))
 
 
-def rest_of(steadier: Steadier, pairs: Sequence[StereoPair]) -> Reference:
+def rest_of(steadier: Steadier, pairs: Iterable[StereoPair]) -> Optional[Reference]:
     """
     Return a reference from the first of some pairs, with the rest averaged over all of them.
 
     :param steadier: a new steadier.
     :param pairs: pairs spread over the time in which the rig sways; the first is the reference.
+    :return: None if there are no pairs.
     """
-    sways = [np.array((steadier.steady(pair).motion or RigMotion()).sway_rad) for pair in pairs]
-    return Reference(pairs[0], np.mean(sways, axis=0))
+    first: Optional[StereoPair] = None
+    for pair in pairs:
+        first = pair if first is None else first
+        steadier.steady(pair)
+    return None if first is None else Reference(first, *steadier.standing)

@@ -21,9 +21,8 @@ def measure(scene: Scene, site: Site, name: str, settings: PipelineConfig) -> Ru
     :param name: name for the run.
     :param settings: all parameters.
     """
-    place = MeasuringSite.of(site, scene.rig, config=settings.site)
-
     def work(bag: StereoBag) -> Run:
+        place = MeasuringSite.of(site, scene.rig, config=settings.site, stand_by=bag.pairs())
         return run(place.pipeline(settings), bag.pairs())
     result = scene.run_over(work)
     summary = {'input': {'bag': scene.path.resolve().name, 'bag_sha256': scene.content_hash()},

@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
 from stereo_speed.core.passes import Verdict
+from stereo_speed.core.records import TrackState
+from stereo_speed.enforcement.recompute import measure_again
+from stereo_speed.io.trace_json import trace_of, trace_record
 from stereo_speed.lab.evaluation.labeled_sequence import LineKnowledge, simulated_sequence
 from stereo_speed.lab.sim.config import RigConfig, straight_config
 from stereo_speed.pipeline.assembly import MeasuringSite
@@ -50,6 +54,44 @@ def test_sway_of_the_rig_does_not_affect_the_speed(still):
     assert result.verdict is Verdict.MEASURED and result.pairs >= still[0].pairs - 1
     assert abs(result.speed_mps - true) < 3 * result.speed_std_mps
     assert pipeline.doubt.steadier.state().swayed >= 10
+
+
+@pytest.mark.slow
+def test_nothing_is_measured_before_the_rest_of_a_swaying_rig_is_known():
+    """The live node has no later pairs to learn it from; ``replay`` has."""
+    sequence = simulated_sequence(replace(SMALL, sway_deg=0.1), (4,), LineKnowledge.EXACT)
+    assert sequence.site.reference.covariance_rad2.any()
+    live = replace(sequence.site, reference=None).pipeline(ON, sequence.annotations)
+    found = run(live, sequence.pairs)
+    assert [result.reason for result in found.passes] == ['rig_uncertain']
+    assert not any(u.state is TrackState.CONFIRMED for u in found.updates)
+
+
+@pytest.mark.slow
+def test_pass_of_a_swaying_rig_is_recomputed_from_its_trace():
+    """The direction of its lane was as uncertain as the rest of the rig."""
+    sequence = simulated_sequence(replace(SMALL, sway_deg=0.1), (4,), LineKnowledge.EXACT)
+    result, = run(sequence.site.pipeline(ON, sequence.annotations), sequence.pairs).passes
+    trace = trace_of(json.loads(json.dumps(trace_record(result.trace))), 'trace')
+    across, up = np.degrees(trace.rest_std_rad)
+    assert 0.01 < across < 0.1 and 0.01 < up < 0.1
+    taken = {pair.stamp_ns: pair for pair in sequence.pairs}
+    pairs = [replace(taken[fed.stamp_ns], motion=fed.motion) for fed in trace.pairs]
+    again = measure_again(trace, pairs, sequence.site, ON)
+    assert again.speed_mps == result.speed_mps is not None
+    certain = measure_again(replace(trace, rest_std_rad=None), pairs, sequence.site, ON)
+    assert certain.budget.path_mps < again.budget.path_mps
+
+
+def test_site_of_a_rig_at_rest_is_used_as_it_is():
+    sequence = simulated_sequence(SMALL, (4,), LineKnowledge.PICKED)
+    taken = []
+    place = MeasuringSite.of(sequence.site.site, sequence.site.rig, stand_by=(
+        taken.append(pair) or pair for pair in sequence.pairs))
+    assert place.reference is None and len(taken) < len(sequence.pairs)
+    still = MeasuringSite.of(sequence.site.site, sequence.site.rig, config=OFF.site,
+                             stand_by=iter(()))
+    assert still.reference is None
 
 
 @pytest.mark.slow

@@ -69,6 +69,19 @@ def test_middle_of_two_paths(make_scene):
     assert lane_of_paths('one', (left,), None, rig, 0.0).path is left
 
 
+def test_direction_is_uncertain_by_rotations_about_its_own_axes(make_scene):
+    """A path straight ahead turns across by pan and up by tilt; roll turns it about itself."""
+    lane = lane_of_paths('one', (StraightPath(
+        np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 40.0, np.array([0.0, -1, 0])),), None,
+        make_scene().rig, 0.0)
+    tilt, pan, roll = 1e-3, 2e-3, 4e-3
+    std = lane.direction_std_rad(np.diag([tilt, pan, roll])**2)
+    np.testing.assert_allclose(std, [pan, tilt])
+    wider = lane.with_direction_std(std).with_direction_std(std)
+    np.testing.assert_allclose(wider.heading_std_rad, np.sqrt(2) * std)
+    assert wider.path is lane.path
+
+
 def test_surveyed_lane_has_no_length_errors(make_scene):
     lane = lane_of_paths('one', (StraightPath(np.zeros(3), np.array([0, 0, 1.0]), 40.0),), None,
                          make_scene().rig, 0.0)

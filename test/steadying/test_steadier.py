@@ -11,7 +11,7 @@ import pytest
 from stereo_speed.core.records import RigMotion
 from stereo_speed.steadying.config import SteadyingConfig
 from stereo_speed.steadying.report import steadiness_lines, warning
-from stereo_speed.steadying.steadier import rest_of, Steadier
+from stereo_speed.steadying.steadier import Reference, rest_of, Steadier
 
 from .conftest import F_PX
 
@@ -26,6 +26,11 @@ def off_px(found, true):
                           np.subtract(found.drift_rad, true.drift_rad)[:2]]).max(axis=1)
 
 
+def at_rest_in(rig, pair):
+    """Return a steadier of a rig that stands in the site as in a pair."""
+    return Steadier(rig, CONFIG, Reference(pair, np.zeros(3), np.zeros((3, 3))))
+
+
 def swaying(seed, drift=(0.0, 0.0, 0.0)):
     """Return the motion of a rig that sways by a tenth of a degree."""
     sway = np.radians(0.1) * np.random.default_rng(seed).standard_normal(3)
@@ -38,7 +43,7 @@ def test_fixed_rig_is_unchanged(rig, take):
     for k in range(8):
         pair = take(k)
         assert steadier.steady(pair) is pair
-    assert steadiness_lines(steadier.state(), has_rest=False) == [] and warning(steadier) == ''
+    assert steadiness_lines(steadier.state()) == [] and warning(steadier) == ''
 
 
 def test_state_is_available_before_the_first_pair_and_after_a_time_jump(rig, take):
@@ -51,7 +56,7 @@ def test_state_is_available_before_the_first_pair_and_after_a_time_jump(rig, tak
 
 @pytest.mark.slow
 def test_sway_is_found_in_each_pair_and_reported(rig, take):
-    steadier = Steadier(rig, CONFIG)
+    steadier = at_rest_in(rig, take(0))
     steadier.steady(take(0))
     for k in range(1, 8):
         sway, drift = off_px(steadier.steady(take(k, swaying(k))).motion, swaying(k))
@@ -60,12 +65,11 @@ def test_sway_is_found_in_each_pair_and_reported(rig, take):
     assert state.swayed == 7 and 0.03 < state.sway_rms_deg[0] < 0.3
     assert steadiness_lines(state)[0].startswith('the rig swayed in 7 of 8 examined pairs')
     assert len(steadiness_lines(state)) == 1
-    assert '--refine-site' in steadiness_lines(state, has_rest=False)[1]
 
 
 @pytest.mark.slow
 def test_rotation_of_the_right_camera_is_no_sway(rig, take):
-    steadier = Steadier(rig, CONFIG)
+    steadier = at_rest_in(rig, take(0))
     steadier.steady(take(0))
     for k in range(1, 6):
         true = swaying(k, TURN if k >= 3 else (0.0, 0.0, 0.0))
@@ -80,14 +84,14 @@ def test_rotation_of_the_left_camera_is_sway_with_opposite_right_drift(rig, take
     pan = float(np.radians(0.03))
     back = rig.R[np.ix_([1, 0, 2], [1, 0, 2])] @ np.array([-pan, 0.0, 0.0])
     true = RigMotion((pan, 0.0, 0.0), tuple(float(a) for a in back))
-    steadier = Steadier(rig, CONFIG)
+    steadier = at_rest_in(rig, take(0))
     pairs = [take(0), *(take(k, true) for k in range(1, 4))]
     found = [steadier.steady(pair).motion for pair in pairs][-1]
     assert off_px(found, true).max() < 0.05
 
 
 def test_one_view_alone_shows_the_sway(rig, take):
-    steadier = Steadier(rig, CONFIG)
+    steadier = at_rest_in(rig, take(0))
     steadier.steady(take(0))
     dark = replace(take(1, swaying(1)), right=np.zeros_like(take(1).right))
     assert off_px(steadier.steady(dark).motion, swaying(1))[0] < 0.03
@@ -113,6 +117,24 @@ def test_onset_of_sway_is_noticed_within_the_interval_and_followed(rig, take):
     assert seen <= 4  # half a second after the last look
     for k, motion in enumerate(found[seen:], 6 + seen):
         assert off_px(motion, swaying(k))[0] < 0.03
+    assert not steadier.settling and not steadier.rest_covariance_rad2.any()
+
+
+@pytest.mark.slow
+def test_rest_of_a_rig_that_sways_at_once_is_learnt(rig, take):
+    steadier, poses = Steadier(rig, CONFIG), []
+    for k in range(24):
+        motion = swaying(100 + k)
+        found = steadier.steady(take(100 + k, motion)).motion
+        poses.append(motion.sway_rad)
+        # Two pairs are the fewest that show a sway.
+        assert steadier.settling == (1 <= k < 19)
+    mean = np.mean(poses, axis=0)
+    assert off_px(found, RigMotion(tuple(motion.sway_rad - mean)))[0] < 0.03
+    tilt, pan, roll = np.diag(steadier.rest_covariance_rad2)  # of a rotation vector
+    wanted = np.var(poses, axis=0) / 24
+    assert [pan, tilt, roll] == pytest.approx(list(wanted), rel=0.7)  # of neighbours alike by chance
+    assert '--refine-site' in steadiness_lines(steadier.state())[1]
 
 
 @pytest.mark.slow
@@ -138,7 +160,7 @@ def test_driving_rig_is_not_taken_for_swaying(rig, take):
 
 
 def test_blank_pair_is_unknown_and_the_next_is_found(rig, take):
-    steadier = Steadier(rig, CONFIG)
+    steadier = at_rest_in(rig, take(0))
     for k in range(3):
         steadier.steady(take(k, swaying(k) if k else None))
     blank = replace(take(3), left=np.zeros_like(take(3).left), right=np.zeros_like(take(3).left))
