@@ -83,8 +83,8 @@ class Steadier:
     :param rig: the rig as it stands in the reference.
     :param config: parameters.
     :param reference: reference that pairs are compared with; None for the first pair.  The rig
-        then stands in the site as in that pair or, if it sways at once, as in the mean of its first
-        pairs.
+        then stands in the site as in that pair or, if it sways from the start, as in the mean of
+        its first pairs.
     """
 
     def __init__(self, rig: StereoRig, config: SteadyingConfig,
