@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .config import CheckedRecord, parameter, record_of, section
+from .fronts import TALL_HIGH_M, TALL_WIDTH_M
 
 TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # that a site file may override
 
@@ -132,11 +133,11 @@ class StartConfig(CheckedRecord):
         2.5, 0.1, 20.0, '', 'largest speed of these particles, as a multiple of the expected '
         'speed')
     tall_width_m: float = parameter(
-        2.14, 0.5, 10.0, 'm', 'an annotated front of at least this width is that of a lorry or '
-        'bus, whose windscreen lies behind its bumper and mirrors its surroundings')
+        TALL_WIDTH_M, 0.5, 10.0, 'm', 'an annotated front of at least this width is that of a '
+        'lorry or bus, whose windscreen lies behind its bumper and mirrors its surroundings')
     tall_high_m: float = parameter(
-        1.25, 0.3, 5.0, 'm', 'height above the road up to which such a front is measured, if its '
-        'lower edge is at least 0.3 m below that')
+        TALL_HIGH_M, 0.3, 5.0, 'm', 'height above the road up to which such a front is measured, '
+        'if its lower edge is at least 0.3 m below that')
 
 
 @dataclass(frozen=True)

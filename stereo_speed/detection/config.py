@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.config import CheckedRecord, parameter, section
+from ..core.fronts import TALL_HIGH_M, TALL_WIDTH_M
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,10 @@ class FrontConfig(CheckedRecord):
         0.40, 0.05, 2.0, 'm', 'height above the road of the lower edge of the quad on lorries',
         below='tall_high_m')
     tall_high_m: float = parameter(
-        1.25, 0.3, 3.0, 'm', 'height above the road of the upper edge of the quad on lorries')
-    tall_width_m: float = parameter(2.14, 1.5, 2.5, 'm', 'least width of a lorry')
+        TALL_HIGH_M, 0.3, 3.0, 'm', 'height above the road of the upper edge of the quad on '
+        'lorries')
+    tall_width_m: float = parameter(
+        TALL_WIDTH_M, 1.5, 2.5, 'm', 'least width of a lorry')
     raised_low_m: float = parameter(
         0.45, 0.05, 2.0, 'm', 'height above the road of the lower edge of the quad on cars and '
         'vans of which only the lamps are visible, as at night', below='raised_high_m')

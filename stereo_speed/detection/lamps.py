@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .front_sampler import FrontHypothesis, GRID_M
 from .lane_geometry import LaneGeometry, well_inside
 from .pyramid import PairPyramids
+from ..core.fronts import LEAST_FRONT_M
 from ..core.records import Array, StereoPair
 from ..core.tracker_config import NoiseConfig
 
@@ -27,7 +28,6 @@ _STEP_M = 0.02  # spacing of the rows that are looked at
 _MORE_M = 0.45  # greatest distance by which the upper edge moves up
 _LOWEST_M = 0.15  # lowest row that is looked at; what clips from there on is light on the road
 _LAMP_M = 0.4  # greatest height of lamps with their glare; what is higher is paint in the sun
-_LEAST_HEIGHT_M = 0.3  # least height of a front
 _MARGIN_PX = 1.0  # least distance of an edge from a clipped pixel
 _CLIPPED_SHARE = NoiseConfig().clipped_share  # of full scale, by default
 
@@ -93,10 +93,10 @@ def moved_edges(rows_m: Array, lit_m: Array, heights_m: Array, margin_m: float) 
     for top_m, bottom_m in _bands(lit_m, margin_m):
         if bottom_m - margin_m <= high_m <= top_m + margin_m:
             is_lamp = top_m - bottom_m <= _LAMP_M
-            high_m = _moved(high_m, free_m[free_m >= low_m + _LEAST_HEIGHT_M],
+            high_m = _moved(high_m, free_m[free_m >= low_m + LEAST_FRONT_M],
                             up=True if is_lamp else None)
         if bottom_m - margin_m <= low_m <= top_m + margin_m:
-            low_m = _moved(low_m, free_m[free_m <= high_m - _LEAST_HEIGHT_M],
+            low_m = _moved(low_m, free_m[free_m <= high_m - LEAST_FRONT_M],
                            up=bottom_m <= _LOWEST_M + margin_m)
     return np.array([high_m, low_m])
 

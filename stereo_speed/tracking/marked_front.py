@@ -15,10 +15,9 @@ import numpy as np
 
 from .initialise import place_front
 from .protocol import Refusal, TrackStart
+from ..core.fronts import LEAST_FRONT_M
 from ..core.records import Array, InitialFront
 from ..vision.haar import PartGrid
-
-_LEAST_HEIGHT_M = 0.3  # least height of the part, as of a detected front
 
 
 def measured_part(start: TrackStart) -> InitialFront:
@@ -38,7 +37,7 @@ def measured_part(start: TrackStart) -> InitialFront:
     on_plane = placed.front.corners_m + placed.pose[1:]
     top_m, bottom_m = on_plane[:2, 1], on_plane[[3, 2], 1]
     if np.ptp(on_plane[:, 0]) < config.tall_width_m or top_m.max() <= config.tall_high_m \
-            or bottom_m.max() > config.tall_high_m - _LEAST_HEIGHT_M:
+            or bottom_m.max() > config.tall_high_m - LEAST_FRONT_M:
         return front
     above = np.clip((top_m - config.tall_high_m) / (top_m - bottom_m), 0.0, 1.0)
     return replace(front, left_px=_without_top(front.left_px, above),
