@@ -83,7 +83,7 @@ class PassTrace:
     :param stamp_std_s: 1-sigma of the stamps assumed at the start, s, if they were less even than
         the parameter ``stamp_std_s`` says; None otherwise.
     :param rest_std_rad: 1-sigmas of the lane's direction, across and up, by how the rig sways,
-        rad; None where it does not, or its rest is known.
+        rad; None where it does not, or the lines of the site tell its rest.
     """
 
     track: int
@@ -118,6 +118,11 @@ class TraceBuilder:
     def __init__(self, trace: PassTrace) -> None:
         self._trace = trace
         self._pairs: list[TracePair] = []
+
+    @property
+    def first_ns(self) -> Optional[int]:
+        """Return the stamp of the first pair, ns; None before it."""
+        return self._pairs[0].stamp_ns if self._pairs else None
 
     @property
     def start(self) -> PassTrace:

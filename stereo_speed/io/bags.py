@@ -78,6 +78,7 @@ class StereoBag:
         self.path = Path(path)
         self._given = (left, right)
         self._wanted_tolerance_ns = tolerance_ns
+        self._told = False  # whether the log tells how images are paired
         self._hash = FilesHash(self.path)
 
     def __enter__(self) -> StereoBag:
@@ -133,7 +134,9 @@ class StereoBag:
             raise BagError(self.path, 'pairs',
                            f'none among {len(left)} left and {len(right)} right images',
                            f'header stamps that agree within {self.tolerance_ns} ns')
-        self._log_plan()
+        if not self._told:
+            self._log_plan()
+            self._told = True
         return self._stream(self._plan)
 
     def pairs_at(self, indices: Iterable[int]) -> Iterator[StereoPair]:

@@ -26,8 +26,10 @@ from ..site.lane_paths import lane_paths
 from ..site.refine.empty_road import spread_pairs
 from ..site.refine.refiner import refine_site, RefinedSite
 from ..steadying.config import SteadyingConfig
-from ..steadying.rest import REST_PAIRS
 from ..steadying.steadier import Reference, rest_of, Steadier
+
+# Most pairs that the rest of a rig is learnt from beforehand, and most that show no details.
+_MOST_STAND_BY, _MOST_BLANK = 1000, 20
 
 MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # last, its settings
 
@@ -60,7 +62,8 @@ class MeasuringSite:
     def of(cls, site: Site, rig: StereoRig,
            refine_by: Optional[Iterable[StereoPair]] = None,
            config: SiteConfig = SiteConfig(), *,
-           stand_by: Optional[Iterable[StereoPair]] = None) -> MeasuringSite:
+           stand_by: Optional[Callable[[], Iterable[StereoPair]]] = None
+           ) -> MeasuringSite:
         """
         Return a site ready to be measured at.
 
@@ -69,9 +72,8 @@ class MeasuringSite:
         :param refine_by: pairs to refine the site by; where that fails, the site is used as read.
             None to use it as read without refinement.
         :param config: priors of roads, and how to refine.
-        :param stand_by: the first pairs that will be measured, which tell the rest of a rig that
-            sways; not used where the site is refined, as the lines tell it.  None to learn it
-            while measuring.
+        :param stand_by: returns the pairs that will be measured, of which the first tell the rest
+            of a rig that sways, unless the site is refined.  None to learn it while measuring.
         :raises SiteError: the lines give no usable road.
         """
         not_refined = ''
@@ -86,7 +88,7 @@ class MeasuringSite:
         return cls(site, corrected, lane_paths(site, corrected, config.road),
                    not_refined=not_refined,
                    reference=None if stand_by is None else _swaying_reference(
-                       corrected, stand_by, config.steadying))
+                       corrected, stand_by(), config.steadying))
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *,
@@ -117,7 +119,11 @@ def refined_site(site: Site, rig: StereoRig, pairs: Iterable[StereoPair],
     :raises InputError: there are no pairs.
     """
     steady, reference = steadied_pairs(rig, spread_pairs(pairs), config.steadying)
-    return refine_site(site, rig, steady, config.site_refinement, config.road), reference
+    refined = refine_site(site, rig, steady, config.site_refinement, config.road)
+    if reference is not None and refined.is_found:
+        # The lines turn with an error of the rest, which is thus none.
+        reference = replace(reference, covariance_rad2=np.zeros((3, 3)))
+    return refined, reference
 
 
 def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: SteadyingConfig
@@ -128,11 +134,9 @@ def steadied_pairs(rig: StereoRig, pairs: Sequence[StereoPair], config: Steadyin
     :param pairs: a few pairs, spread over some time.
     :param config: how the sway is found; where it is disabled, pairs are returned unchanged.
     """
-    rest = rest_of(Steadier(rig, _each_pair(config)), pairs) if config.enabled else None
-    if rest is None:
+    reference = rest_of(Steadier(rig, _each_pair(config)), pairs) if config.enabled else None
+    if reference is None:
         return list(pairs), None
-    # Lines that are found in these pairs turn with an error of the rest, which is thus none.
-    reference = replace(rest, covariance_rad2=np.zeros((3, 3)))
     steadier = Steadier(rig, _each_pair(config), reference)
     return [steadied(steadier.steady(pair), rig) for pair in pairs], reference
 
@@ -142,19 +146,21 @@ def _swaying_reference(rig: StereoRig, pairs: Iterable[StereoPair], config: Stea
     """
     Return the reference of a rig that sways from the start, by the mean of its first pairs.
 
-    :return: None if it stands still at first; the first pair is its reference then.
+    :return: None if it stands still at first, or shows no details; the first pair that does is
+        its reference then.
     """
     if not config.enabled:
         return None
     steadier = Steadier(rig, _each_pair(config))
 
-    def while_open() -> Iterator[StereoPair]:
-        for pair in islice(pairs, REST_PAIRS):
+    def first() -> Iterator[StereoPair]:
+        for pair in islice(pairs, _MOST_STAND_BY):
             yield pair
-            if steadier.knows_rest:
+            state = steadier.state()
+            if steadier.standing_is_fixed or state.unknown >= _MOST_BLANK and not state.swayed:
                 return
-    reference = rest_of(steadier, while_open())
-    return reference if steadier.state().swayed else None
+    reference = rest_of(steadier, first())
+    return None if reference is None or not reference.covariance_rad2.any() else reference
 
 
 def _each_pair(config: SteadyingConfig) -> SteadyingConfig:

@@ -53,8 +53,6 @@ class PassEnd:
         no_vehicle = self._no_vehicle(result)
         if no_vehicle is not None and result.verdict is not Verdict.REJECTED:
             result = result.rejected(no_vehicle)
-        if track.unsettled and result.verdict is not Verdict.REJECTED:
-            result = result.rejected(Reason.RIG_UNCERTAIN)
         if self.reason is not None:
             result = result.rejected(self.reason)
         return self.doubt.result(result, self.rig_shares.get(result.lane, 0.0))

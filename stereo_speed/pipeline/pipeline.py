@@ -187,7 +187,7 @@ class SpeedPipeline:
         if searches and not pace.dense:
             search.expect(pair, self._roster.tracks)
         particles = self._share_out(pair, pace)
-        self.doubt.see_rig()
+        self.doubt.see_drift()
         if self.doubt.lag.concerned:  # readings need the lag estimate that includes this pair
             readings = _nobody
         follow = self._followed_beside if pace.beside else self._followed
@@ -202,7 +202,7 @@ class SpeedPipeline:
         elif searches:
             new += self._detect(pair)
         if new:
-            self.doubt.see_rig()
+            self.doubt.see_drift()
         return _known([*updates, *new])
 
     def _with_lag(self, pair: StereoPair, updates: list[TrackUpdate]) -> list[TrackUpdate]:

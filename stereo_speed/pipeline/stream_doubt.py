@@ -67,11 +67,14 @@ class StreamDoubt:
         """
         Return the 1-sigmas of a lane's direction, across and up, by how the rig sways, rad.
 
-        :return: None where the rig does not sway, or its rest is known.
+        :return: None where the rig does not sway, or the lines of the site tell its rest.
         """
-        if self.steadier is None or not self.steadier.rest_covariance_rad2.any():
+        if self.steadier is None:
             return None
-        across, up = lane.direction_std_rad(self.steadier.rest_covariance_rad2)
+        covariance_rad2 = self.steadier.standing_covariance_rad2
+        if not covariance_rad2.any():
+            return None
+        across, up = lane.direction_std_rad(covariance_rad2)
         return float(across), float(up)
 
     # -- what tracks are told -------------------------------------------------------------
@@ -102,12 +105,11 @@ class StreamDoubt:
             for track in self._roster.tracks:
                 track.see_gaps(gaps)
 
-    def see_rig(self) -> None:
-        """Tell the tracks the rotation of the right camera, and whether the rig's rest is open."""
+    def see_drift(self) -> None:
+        """Tell the tracks the estimated rotation of the right camera."""
         if self.steadier is not None:
             for track in self._roster.tracks:
                 track.see_drift(self.steadier.drift.corrected_rad)
-                track.unsettled |= self.steadier.settling
 
     # -- what is added to readings and passes ---------------------------------------------
 
@@ -119,7 +121,7 @@ class StreamDoubt:
                    for u in updates if u is not None and u.track in tracks]
         if steadier is not None:
             widened = [
-                u.unconfirmed() if tracks[u.track].unsettled else
+                u.unconfirmed() if self._is_unsettled(tracks[u.track]) else
                 self._rig_doubt.update(u, steadier, tracks[u.track].drift_change_rad)
                 for u in widened]
         return [with_unnoticed(u, self.config.visibility) for u in widened]
@@ -139,9 +141,16 @@ class StreamDoubt:
         lag_share = 0.0 if track.last is None else self._times.lag_share(track, track.last)
         rig_shares = {} if self.steadier is None else self._rig_doubt.shares(
             self.steadier, track.drift_change_rad)
+        if reason is None and self._is_unsettled(track):
+            reason = Reason.RIG_UNCERTAIN
         track.see_gaps(tuple(self.stamps.gaps))  # it may have started in the newest pair
         return PassEnd(
             track, self.lanes, self.config, self._rig_doubt, lag_share, rig_shares, reason)
+
+    def _is_unsettled(self, track: Track) -> bool:
+        """Return whether the rest of a swaying rig was not known in one of a track's pairs."""
+        until_ns = None if self.steadier is None else self.steadier.unsettled_ns
+        return until_ns is not None and track.first_ns <= until_ns
 
     @property
     def _times(self) -> TimeDoubt:

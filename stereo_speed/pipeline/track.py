@@ -60,8 +60,6 @@ class Track:
         right stamps; None if it cannot.
     :param drift_rad: (3,) estimated rotation of the right camera in its first pair.
     :param drift_change_rad: (3,) largest absolute change of that rotation in its pairs so far.
-    :param unsettled: whether, in one of its pairs, it was not known how a swaying rig stands in
-        the site.
     """
 
     tracker: Tracker
@@ -86,7 +84,12 @@ class Track:
     restart_pairs: Optional[list[StereoPair]] = None
     drift_rad: Array = field(default_factory=lambda: np.zeros(3))
     drift_change_rad: Array = field(default_factory=lambda: np.zeros(3))
-    unsettled: bool = False
+
+    @property
+    def first_ns(self) -> int:
+        """Return the stamp of its first pair, ns."""
+        first_ns = self.trace.first_ns
+        return self.found_ns if first_ns is None else first_ns
 
     @property
     def lies(self) -> bool:

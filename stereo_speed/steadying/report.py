@@ -44,6 +44,8 @@ def warning(steadier: Steadier) -> str:
         return 'the right camera has turned too far: calibrate again'
     if steadier.drift.turned:
         return 'the right camera has turned; measuring with its angles corrected'
+    if steadier.settling:
+        return 'the rig sways, and its rest is not known yet: nothing is measured'
     return 'the rig sways and its pose is unknown' if steadier.lost else ''
 
 

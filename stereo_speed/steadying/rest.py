@@ -12,8 +12,12 @@ import numpy as np
 from ..core.records import Array
 
 STILL_PAIRS = 5  # a rig that has not swayed in its first pairs is at rest in them
-SETTLED_PAIRS = 20  # pairs from which the rest is known well enough to measure with
-REST_PAIRS = 100  # pairs that the rest is averaged over; a later mean follows slow changes
+# From so many pairs over such a time on, the rest is known well enough to measure with.
+SETTLED_PAIRS, _SETTLED_S = 20, 3.0
+# The rest is averaged over so many pairs, and such a time; a later mean follows slow changes.
+REST_PAIRS, _REST_S = 100, 10.0
+_SWAYED_PAIRS = 2  # a rig that has swayed in fewer is taken to stand still
+_FEWEST = 7  # fewest poses that tell how alike they are
 _MOST_CORRELATED = 0.98  # bound of the correlation of successive poses
 _MOST_ALIKE = 0.8  # largest share of the poses that counts as one
 
@@ -29,36 +33,69 @@ class Rest:
     def __init__(self, prior_std_rad: float) -> None:
         self.pairs = 0
         self.mean_rad: Array = np.zeros(3)
-        self.moves = False  # whether the rig sways at all
-        self._square: Array = np.full(3, prior_std_rad ** 2)  # sum of squares about the mean
+        self._prior2 = prior_std_rad ** 2
+        self._square: Array = np.full(3, self._prior2)  # sum of squares about the mean
         self._product = 0.0  # sum of products of successive deviations, over all angles
         self._last_rad: Array = np.zeros(3)  # last deviation
+        self._swayed = self._averaged = 0
+        self._first_ns = self._last_ns = 0
 
-    def add(self, angles_rad: Array) -> None:
-        """Add the pose (3,) in another pair."""
+    def add(self, angles_rad: Array, stamp_ns: int, swayed: bool) -> None:
+        """
+        Add the pose in another pair.
+
+        :param angles_rad: (3,) the pose.
+        :param swayed: whether it differs from that in the reference, rather than being it.
+        """
+        self._first_ns, self._last_ns = self._first_ns if self.pairs else stamp_ns, stamp_ns
+        within = not self.is_averaged
         self.pairs += 1
+        self._averaged += within
+        self._swayed += swayed
         off = angles_rad - self.mean_rad
-        self.mean_rad = self.mean_rad + off / min(self.pairs, REST_PAIRS)
+        self.mean_rad = self.mean_rad + off / (self.pairs if within else REST_PAIRS)
         off = angles_rad - self.mean_rad
-        if self.pairs <= REST_PAIRS:
+        if within:
             self._square = self._square + off ** 2
             self._product += float(off @ self._last_rad)
             self._last_rad = off
 
     @property
-    def covariance_rad2(self) -> Array:
+    def moves(self) -> bool:
+        """Return whether the rig sways at all."""
+        return self._swayed >= _SWAYED_PAIRS
+
+    @property
+    def is_settled(self) -> bool:
+        """Return whether the poses suffice to measure with."""
+        return self._has(SETTLED_PAIRS, _SETTLED_S)
+
+    @property
+    def is_averaged(self) -> bool:
+        """Return whether the mean has all the poses that it is averaged over."""
+        return self._has(REST_PAIRS, _REST_S)
+
+    def _has(self, pairs: int, time_s: float) -> bool:
+        return self.pairs >= pairs and self._last_ns - self._first_ns >= time_s * 1e9
+
+    @property
+    def standing(self) -> tuple[Array, Array]:
         """
-        Return the covariance (3, 3) of the mean; zero for a rig that does not sway, rad^2.
+        Return the mean (3,) and its covariance (3, 3), rad and rad^2; zeros if the rig stands.
 
         A mast sways slower than pairs come, so successive poses are alike: of a first-order
         autoregression, ``n / (1 + r) * (1 - r)`` of ``n`` poses count as independent.  Deviations
         are from the poses' own mean, which makes them too small, and the correlation ``r`` too low
-        by about ``(1 + 4 r) / n`` (Kendall 1954).
+        by about ``(1 + 4 r) / n`` (Kendall 1954).  Poses that are all alike hardly tell how far
+        the rig sways, so that as much of what was assumed beforehand counts.
         """
         if not self.moves:
-            return np.zeros((3, 3))
-        n = max(min(self.pairs, REST_PAIRS), 1)
-        r = self._product / float(self._square.sum())
-        r = min(max((n * r + 1) / (n - 4), 0.0), _MOST_CORRELATED) if n >= SETTLED_PAIRS else 0.0
-        alike = min((1 + r) / (1 - r), _MOST_ALIKE * n)  # successive poses that count as one
-        return np.diag(self._square / n * alike / (n - alike))
+            return np.zeros(3), np.zeros((3, 3))
+        n = self._averaged
+        alike = _MOST_ALIKE * n
+        if n >= _FEWEST:
+            r = (n * self._product / float(self._square.sum()) + 1) / (n - 4)
+            r = min(max(r, 0.0), _MOST_CORRELATED)
+            alike = min((1 + r) / (1 - r), alike)
+        return self.mean_rad, np.diag(
+            self._square / n * alike / (n - alike) + (alike / n) ** 2 * self._prior2)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from .config import SteadyingConfig
 from .drift_filter import DriftFilter
-from .rest import Rest, REST_PAIRS, SETTLED_PAIRS, STILL_PAIRS
+from .rest import Rest, STILL_PAIRS
 from .view_rotation import Rotated, ViewRotation
 from ..core.records import Array, RigMotion, StereoPair
 from ..geometry.rig import StereoRig
@@ -82,9 +82,12 @@ class Steadier:
 
     :param rig: the rig as it stands in the reference.
     :param config: parameters.
-    :param reference: reference that pairs are compared with; None for the first pair.  The rig
-        then stands in the site as in that pair or, if it sways from the start, as in the mean of
-        its first pairs.
+    :param reference: reference that pairs are compared with; None for the first pair that shows
+        details.  The rig then stands in the site as in that pair or, if it sways from the start,
+        as in the mean of its first pairs.
+
+    ``unsettled_ns`` is the stamp of the last pair until which too few poses told how a swaying rig
+    stands in the site; None if there is none.
     """
 
     def __init__(self, rig: StereoRig, config: SteadyingConfig,
@@ -103,10 +106,11 @@ class Steadier:
         self._still_looks = self._last_look_ns = 0
         self._drift_pair = 0  # number of the pair with the last measurement of the drift
         self._rest = Rest(self._prior_std_rad)
-        self._known_rest: Optional[tuple[Array, Array]] = None
+        self._fixed_standing: Optional[tuple[Array, Array]] = None
+        self.unsettled_ns: Optional[int] = None
         if self.reference is not None:
             self._learn(self.reference.pair)
-            self._known_rest = self.reference.rest_rad, self.reference.covariance_rad2
+            self._fixed_standing = self.reference.rest_rad, self.reference.covariance_rad2
 
     def steady(self, pair: StereoPair) -> StereoPair:
         """Return a pair with the motion of the rig filled in."""
@@ -126,7 +130,7 @@ class Steadier:
         """Return the sway (3,) in a pair, rad, and update drift and appearance by it."""
         before = self._swayed, self.drift.turns
         self._looks += 1
-        if self._views is None or self._missed >= self.config.renew_pairs:
+        if not self._has_details or self._missed >= self.config.renew_pairs:
             # There are none yet, or the known details are gone for good, as by night or by road
             # works: the rest is learnt, anew.
             self._learn(pair)
@@ -137,11 +141,16 @@ class Steadier:
                 self._update_drift(left, right, self._pairs - self._drift_pair)
             self._drift_pair = self._pairs
         self._learn_appearance(pair, (left, right))
-        sway = self._sway(left, right)
         self._last_look_ns = pair.stamp_ns
+        sway = self._sway(left, right)
         moved = self.lost or before != (self._swayed, self.drift.turns)
         self._still_looks = 0 if moved else self._still_looks + 1
         return sway
+
+    @property
+    def _has_details(self) -> bool:
+        """Return whether a view of the reference shows enough to compare with."""
+        return any(view.has_enough for view in self._views or ())
 
     @property
     def lost(self) -> bool:
@@ -157,7 +166,7 @@ class Steadier:
         # A right camera that has turned before is already turned in this reference.
         self._drift_base = self.drift.mean_rad
         self._last_rad: Array = np.zeros(3)
-        self._rest, self._known_rest = Rest(self._prior_std_rad), None
+        self._rest, self._fixed_standing = Rest(self._prior_std_rad), None
 
     @property
     def _drift_seen_rad(self) -> Array:
@@ -179,24 +188,27 @@ class Steadier:
 
         Unless the reference tells, this is the rest of its first pairs, rad and rad^2.
         """
-        if self._known_rest is not None:
-            return self._known_rest
-        return (self._rest.mean_rad if self._rest.moves else np.zeros(3),
-                self._rest.covariance_rad2)
+        return self._fixed_standing or self._rest.standing
 
     @property
-    def knows_rest(self) -> bool:
-        """Return whether enough pairs have told how the rig stands in the site."""
-        return self._known_rest is not None
+    def learnt(self) -> Optional[Reference]:
+        """Return the reference with the rest of all pairs so far; None before the first one."""
+        return None if self._views is None else Reference(
+            self._reference_pair, *self._rest.standing)
 
     @property
     def settling(self) -> bool:
-        """Return whether the rig sways and too few pairs tell yet how it stands in the site."""
-        return self._known_rest is None and self._rest.moves and self._rest.pairs < SETTLED_PAIRS
+        """Return whether too few poses have told yet how a swaying rig stands in the site."""
+        return self.unsettled_ns is not None and self.unsettled_ns == self._last_look_ns
 
     @property
-    def rest_covariance_rad2(self) -> Array:
-        """Return the covariance (3, 3) of the rotation vector by which the rest is uncertain."""
+    def standing_is_fixed(self) -> bool:
+        """Return whether later pairs do not change how the rig stands in the site."""
+        return self._fixed_standing is not None
+
+    @property
+    def standing_covariance_rad2(self) -> Array:
+        """Return the covariance (3, 3) of the rotation vector by which that is uncertain."""
         return np.asarray(self.standing[1][np.ix_(_ORDER, _ORDER)])
 
     @property
@@ -272,7 +284,7 @@ class Steadier:
         probability = self._sway_probability(angles, covariance)
         swayed = probability > _LEAST_PROBABILITY
         self._swayed += swayed
-        self._update_rest(angles)
+        self._update_rest(angles, swayed)
         return probability * angles if swayed else np.zeros(3)
 
     def _sway_probability(self, angles: Array, covariance: Array) -> float:
@@ -286,15 +298,17 @@ class Steadier:
             + np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(wide)[1])
         return 1 / (1 + math.exp(-min(max(odds, -_MOST_ODDS), _MOST_ODDS)))
 
-    def _update_rest(self, angles: Array) -> None:
+    def _update_rest(self, angles: Array, swayed: bool) -> None:
         """Update the rest and the sway about it by the pose in a pair."""
         rest = self._rest
-        rest.add(angles)
-        rest.moves = self._swayed > 0
+        rest.add(angles, self._last_look_ns, swayed)
         self._square = self._square + (angles - rest.mean_rad) ** 2
-        enough = REST_PAIRS if rest.moves else STILL_PAIRS
-        if self._known_rest is None and rest.pairs >= enough:
-            self._known_rest = self.standing  # what changes later is no error of the site
+        if self._fixed_standing is not None:
+            return
+        if rest.is_averaged or rest.pairs >= STILL_PAIRS and not rest.moves:
+            self._fixed_standing = rest.standing  # what changes later is no error of the site
+        elif rest.moves and not rest.is_settled:
+            self.unsettled_ns = self._last_look_ns
 
 
 def _vector(angles_rad: Array) -> Array:
@@ -314,14 +328,13 @@ def _degrees(values: Array) -> tuple[float, float, float]:
 
 def rest_of(steadier: Steadier, pairs: Iterable[StereoPair]) -> Optional[Reference]:
     """
-    Return a reference from the first of some pairs, with the rest averaged over all of them.
+    Return a reference from one of some pairs, with the rest averaged over all of them.
 
     :param steadier: a new steadier.
-    :param pairs: pairs spread over the time in which the rig sways; the first is the reference.
+    :param pairs: pairs spread over the time in which the rig sways; the first that shows details
+        is the reference.
     :return: None if there are no pairs.
     """
-    first: Optional[StereoPair] = None
     for pair in pairs:
-        first = pair if first is None else first
         steadier.steady(pair)
-    return None if first is None else Reference(first, *steadier.standing)
+    return steadier.learnt

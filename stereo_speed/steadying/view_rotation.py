@@ -98,6 +98,11 @@ class ViewRotation:
         self._fine = _Level(camera, Details.of(fine, config.details), 1)
         self._forget()
 
+    @property
+    def has_enough(self) -> bool:
+        """Return whether the first image shows enough details for a known rotation."""
+        return len(self._fine.details) >= self.config.least_details
+
     def measure(self, image: Grey, about_rad: Array) -> Optional[Rotated]:
         """
         Return the rotation of the camera in another image; None if it is unknown.

@@ -57,14 +57,27 @@ def test_sway_of_the_rig_does_not_affect_the_speed(still):
 
 
 @pytest.mark.slow
-def test_nothing_is_measured_before_the_rest_of_a_swaying_rig_is_known():
+@pytest.mark.parametrize('played, reasons', [(0, 'rig_uncertain'), (1, 'rig_uncertain'), (2, '')])
+def test_nothing_is_measured_before_the_rest_of_a_swaying_rig_is_known(played, reasons):
     """The live node has no later pairs to learn it from; ``replay`` has."""
     sequence = simulated_sequence(replace(SMALL, sway_deg=0.1), (4,), LineKnowledge.EXACT)
     assert sequence.site.reference.covariance_rad2.any()
-    live = replace(sequence.site, reference=None).pipeline(ON, sequence.annotations)
-    found = run(live, sequence.pairs)
-    assert [result.reason for result in found.passes] == ['rig_uncertain']
-    assert not any(u.state is TrackState.CONFIRMED for u in found.updates)
+    # The same pass three times, two seconds apart; the first two seconds and the first one of the
+    # second time are too early.
+    pairs = [replace(pair, index=pair.index + len(sequence.pairs) * k,
+                     stamp_ns=pair.stamp_ns + 2 * k * 10**9,
+                     right_stamp_ns=pair.right_stamp_ns + 2 * k * 10**9)
+             for k in range(3) for pair in sequence.pairs]
+    front, = sequence.annotations
+    front = replace(front, frame=front.frame + len(sequence.pairs) * played)
+    live = replace(sequence.site, reference=None).pipeline(ON, [front])
+    found = run(live, pairs)
+    result, = found.passes
+    confirmed = [u for u in found.updates if u.state is TrackState.CONFIRMED]
+    assert result.reason == reasons and bool(confirmed) == (not reasons)
+    if not reasons:
+        assert abs(result.speed_mps - 50 * MPH) < 4 * result.speed_std_mps
+        assert result.trace.rest_std_rad is not None
 
 
 @pytest.mark.slow
@@ -74,7 +87,7 @@ def test_pass_of_a_swaying_rig_is_recomputed_from_its_trace():
     result, = run(sequence.site.pipeline(ON, sequence.annotations), sequence.pairs).passes
     trace = trace_of(json.loads(json.dumps(trace_record(result.trace))), 'trace')
     across, up = np.degrees(trace.rest_std_rad)
-    assert 0.01 < across < 0.1 and 0.01 < up < 0.1
+    assert 0.01 < across < 0.2 and 0.01 < up < 0.2
     taken = {pair.stamp_ns: pair for pair in sequence.pairs}
     pairs = [replace(taken[fed.stamp_ns], motion=fed.motion) for fed in trace.pairs]
     again = measure_again(trace, pairs, sequence.site, ON)
@@ -83,15 +96,21 @@ def test_pass_of_a_swaying_rig_is_recomputed_from_its_trace():
     assert certain.budget.path_mps < again.budget.path_mps
 
 
-def test_site_of_a_rig_at_rest_is_used_as_it_is():
-    sequence = simulated_sequence(SMALL, (4,), LineKnowledge.PICKED)
+def test_pairs_are_read_beforehand_only_as_far_as_needed():
+    """Five of a rig at rest, and none where its sway is not estimated."""
+    still = simulated_sequence(SMALL, (4,), LineKnowledge.PICKED)
     taken = []
-    place = MeasuringSite.of(sequence.site.site, sequence.site.rig, stand_by=(
-        taken.append(pair) or pair for pair in sequence.pairs))
-    assert place.reference is None and len(taken) < len(sequence.pairs)
-    still = MeasuringSite.of(sequence.site.site, sequence.site.rig, config=OFF.site,
-                             stand_by=iter(()))
-    assert still.reference is None
+
+    def first():
+        for pair in still.pairs:
+            taken.append(pair)
+            yield pair
+    place = MeasuringSite.of(still.site.site, still.site.rig, stand_by=first)
+    assert place.reference is None and 5 <= len(taken) <= 6
+    moving = simulated_sequence(replace(SMALL, sway_deg=0.1), (4,), LineKnowledge.EXACT)
+    off = MeasuringSite.of(moving.site.site, moving.site.rig, config=OFF.site,
+                           stand_by=lambda: moving.pairs)
+    assert off.reference is None and moving.site.reference is not None
 
 
 @pytest.mark.slow

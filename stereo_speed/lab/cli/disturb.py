@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--left', metavar='TOPIC', help='left image topic (default: found by type and name)')
     add('--right', metavar='TOPIC', help='right image topic')
     add('--sway-deg', type=number_in(float, 0, 2), default=0.0, metavar='DEG',
-        help='1-sigma of each angle of the rig, independent in each pair')
+        help='1-sigma of each angle of the rig')
+    add('--sway-hz', type=number_in(float, 0, 1000), default=0.0, metavar='HZ',
+        help='frequency of the sway, as of a mast (default: independent in each pair)')
     add('--turn-deg', type=number_in(float, -2, 2), default=0.0, metavar='DEG',
         help='angle by which one camera has turned')
     add('--turn-axis', choices=AXES, default='pan',
@@ -59,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
 
     pan, tilt, roll = (args.turn_deg if axis == args.turn_axis else 0.0 for axis in AXES)
     what = Disturbance(
-        sway_deg=args.sway_deg, turn_deg=(pan, tilt, roll), turn_s=args.turn_at,
-        exposure_step=args.exposure_step, defocus_px=args.defocus_px,
+        sway_deg=args.sway_deg, sway_hz=args.sway_hz, turn_deg=(pan, tilt, roll),
+        turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px,
         camera=CAMERAS.index(args.camera))
     count = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
                         args.right)

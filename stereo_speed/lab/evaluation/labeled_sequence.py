@@ -78,7 +78,7 @@ def simulated_sequence(config: SimConfig, seed: Sequence[int], lines: LineKnowle
     content = sequence.site_exact if lines is LineKnowledge.EXACT else sequence.site
     site = MeasuringSite.of(read_back(content, load_site), sequence.rig,
                             sequence.pairs if lines is LineKnowledge.REFINED else None,
-                            stand_by=sequence.pairs if config.sway_deg else None)
+                            stand_by=(lambda: sequence.pairs) if config.sway_deg else None)
     return LabeledSequence(site=site, annotations=read_back(sequence.init, load_init),
                            pairs=sequence.pairs, truths=truth_of_rows(sequence.truth))
 

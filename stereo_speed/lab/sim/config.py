@@ -193,8 +193,9 @@ class SimConfig:
         the right camera has rotated about its own centre since the calibration: the images, the
         clicked points and the initial fronts are those of the rotated camera, ``rig`` and
         ``CameraInfo`` those of the calibration.
-    :param sway_deg: standard deviation of each angle of the rig, degrees, drawn for each pair; the
-        clicked points are those of the rig at rest.
+    :param sway_deg: standard deviation of each angle of the rig, degrees; the clicked points are
+        those of the rig at rest.
+    :param sway_hz: frequency of that sway; 0 for angles that are drawn for each pair.
     :param right_turn_deg: pan to the right, tilt upwards and roll clockwise, degrees, by which
         the right camera turns in the middle of the stream.
     :param right_turn_s: time of that turn, s; None for never.
@@ -236,6 +237,7 @@ class SimConfig:
     origin_ns: int = 1_700_000_000_000_000_000
     rig_moved_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sway_deg: float = 0.0
+    sway_hz: float = 0.0
     right_turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     right_turn_s: Optional[float] = None
     gaps_s: Knots = ()
@@ -282,6 +284,7 @@ class SimConfig:
         _want(0 < light.ambient <= 1 and 0 <= light.wet <= 1, 'light.ambient, light.wet',
               (light.ambient, light.wet), 'shares, and some light')
         _want(0 <= self.sway_deg <= 10, 'sway_deg', self.sway_deg, '0 to 10 degrees')
+        _want(0 <= self.sway_hz <= 1000, 'sway_hz', self.sway_hz, '0 to 1000 Hz')
         _want(len(self.right_turn_deg) == 3 and all(abs(a) <= 10 for a in self.right_turn_deg),
               'right_turn_deg', self.right_turn_deg,
               'pan, tilt and roll of at most 10 degrees')

@@ -33,7 +33,8 @@ class Disturbance:
     """
     The disturbance of a rig.
 
-    :param sway_deg: 1-sigma of each angle of the rig, degrees, independent in each pair.
+    :param sway_deg: 1-sigma of each angle of the rig, degrees.
+    :param sway_hz: frequency of the sway; 0 for angles that are independent in each pair.
     :param turn_deg: pan to the right, tilt upwards and roll clockwise of one camera, degrees.
     :param turn_s: time of that turn, s after the first pair.
     :param exposure_step: largest random change of the exposure of a pair, as a share; uniform
@@ -43,6 +44,7 @@ class Disturbance:
     """
 
     sway_deg: float = 0.0
+    sway_hz: float = 0.0
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_s: float = 0.0
     exposure_step: float = 0.0
@@ -75,8 +77,9 @@ class Disturber:
         self._stamps_ns = np.array(stamps_ns, np.int64)
         self._grain_grey = grain_grey
         wind, light, self._grain = rng.spawn(3)
-        sway = Sway(SimConfig(sway_deg=what.sway_deg, right_turn_deg=what.turn_deg,
-                              right_turn_s=what.turn_s), wind)
+        sway = Sway(SimConfig(
+            sway_deg=what.sway_deg, sway_hz=what.sway_hz, right_turn_deg=what.turn_deg,
+            right_turn_s=what.turn_s), wind)
         self._motions = [sway.motion(t_s) for t_s in times_s]
         faults = FaultConfig(exposure_step=what.exposure_step, right_defocus_px=what.defocus_px)
         self._optics = Optics(SHARP, faults, (rig.left.width_px, rig.left.height_px), light)

@@ -89,6 +89,11 @@ class RefinedSite:
         """Return the names of the lines that were not found and so stay as clicked."""
         return tuple(n for n in self.rough.picked if n not in self.found)
 
+    @property
+    def is_found(self) -> bool:
+        """Return whether all lines were found in the images, and none stays as in the site."""
+        return not self.kept_clicks and set(self.found) == set(self.rough.lines)
+
     def road_with(self, names: Iterable[str]) -> Optional[RoadFit]:
         """Return the road if all the named lines belong to it, else None."""
         if self.road is None or not set(names) <= set(self.road.names):

@@ -66,6 +66,17 @@ def test_sway_is_equal_in_both_views_and_has_its_amplitude():
     sway = np.degrees([disturber.motion(k, LEFT).sway_rad for k in range(40)])
     # The variance of 120 normal values is within 4 of its 1-sigmas, sqrt(2 / 120).
     assert abs(sway.var() / 0.01 - 1) < 4 * np.sqrt(2 / 120)
+
+
+def test_sway_of_a_mast_is_a_wave_of_its_frequency_in_each_angle():
+    disturber = _disturber(sway_deg=0.1, sway_hz=1.0)
+    sway = np.degrees([disturber.motion(k, LEFT).sway_rad for k in range(40)])
+    times_s = (disturber._stamps_ns[:40] - disturber._stamps_ns[0]) * 1e-9
+    waves = np.column_stack([wave(2 * np.pi * times_s) for wave in (np.sin, np.cos)])
+    parts, residual, *_ = np.linalg.lstsq(waves, sway, rcond=None)
+    assert np.abs(waves @ parts - sway).max() < 1e-9
+    np.testing.assert_allclose(np.linalg.norm(parts, axis=0), np.sqrt(2) * 0.1)
+    assert np.ptp(np.arctan2(*parts)) > 0.1  # not in step
     assert [disturber.motion(k, RIGHT) for k in range(40)] == [
         disturber.motion(k, LEFT) for k in range(40)]
 

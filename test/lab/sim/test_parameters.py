@@ -111,6 +111,7 @@ SWEEP = [
     *((FaultConfig, name, _inside(FURNISHED, 'faults'), value) for name, value in FAULTS.items()),
     *((SimConfig, name, lambda c: replace(PLAIN, **c), value)
       for part in (SIM, STAMPS, FILES) for name, value in part.items()),
+    (SimConfig, 'sway_hz', lambda c: replace(PLAIN, sway_deg=0.5, **c), 3.0),
     *((PoleConfig, name, _within(FURNISHED, 'poles'), value) for name, value in POLE.items()),
     *((PersonConfig, name, _within(FURNISHED, 'people'), value)
       for name, value in PERSON.items()),

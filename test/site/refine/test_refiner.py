@@ -251,7 +251,7 @@ def test_clicks_that_contradict_the_found_lines_are_kept(drawn):
         for n, x_m in (('right', -2.0), ('left', 1.5))}
     site, pairs = replace(drawn.site, lines=lines), [StereoPair(0, 0, 0, *images)]
     kept = refine_site(site, drawn.rig, pairs)
-    assert 'combined sigmas' in kept.kept_clicks
+    assert 'combined sigmas' in kept.kept_clicks and not kept.is_found
     np.testing.assert_allclose(kept.site.picked['right'].right_px, lines['right'].right_px)
     # Which of them are wrong is unknown, so speeds by clicks are as uncertain as they differ.
     std = kept.site.lanes[0].path_std
@@ -262,6 +262,6 @@ def test_clicks_that_contradict_the_found_lines_are_kept(drawn):
         disagreement_sigmas=100.0)).site.lanes[0].path_std == 0.0
     for limit in ({'disagreement_sigmas': 100.0}, {'disagreement_factor': 100.0}):
         refined = refine_site(site, drawn.rig, pairs, RefineConfig(**limit))
-        assert not refined.kept_clicks
+        assert not refined.kept_clicks and refined.is_found
         off = drawn.off_px('right', refined.site.picked['right'].right_px, 1)
         assert np.abs(off).mean() < 0.1
