@@ -39,6 +39,6 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(args.folder / 'truth.csv', 'vehicles', len(truths), 'one')
     site = load_site(args.folder / 'site.yaml')
     with StereoBag(args.folder / 'bag') as bag:
-        done = self_test(site, bag.rig, bag.pairs(), float(np.mean(truths[0].speed_mps)), config)
+        done = self_test(site, bag.rig, bag.pairs, float(np.mean(truths[0].speed_mps)), config)
     print(done.line)
     return 0 if done.passed else FAILED

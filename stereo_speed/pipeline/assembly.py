@@ -181,7 +181,7 @@ def make_pipeline(rig: StereoRig, lanes: Mapping[str, LanePath], config: Pipelin
     :param lanes: lane name to lane path.
     :param config: names and parameters.
     :param annotations: fronts that a person annotated; None to have vehicles detected.
-    :param reference: reference of the rig's sway; None for the first pair.
+    :param reference: reference of the rig's sway; None to learn it from the first pairs.
     :param conclusions: measures passes that are over; None to measure them at once.
     :param solving: thread that solves for vehicles where pairs come faster than
         ``effort.solve_interval_s``; None to make each reading wait for its solution.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import re
-from typing import Iterable, Optional
+from typing import Callable, Iterable, Optional
 
 from .assembly import MeasuringSite
 from .config import PipelineConfig
@@ -58,21 +58,22 @@ def off_percent(line: str) -> Optional[float]:
     return None if found is None else float(found[1])
 
 
-def self_test(site: Site, rig: StereoRig, pairs: Iterable[StereoPair], known_mps: float,
-              config: PipelineConfig) -> SelfTest:
+def self_test(site: Site, rig: StereoRig, pairs: Callable[[], Iterable[StereoPair]],
+              known_mps: float, config: PipelineConfig) -> SelfTest:
     """
     Measure a stored pass with its vehicle detected, and compare with its known speed.
 
     :param site: the site where it was recorded.
     :param rig: the rig that recorded it.
-    :param pairs: its pairs, which show one vehicle.
+    :param pairs: returns its pairs, which show one vehicle.
     :param known_mps: its mean speed, m/s.
     :param config: tracker, detector and parameters of the instrument.
     :raises InputError: a stored pass that cannot be used.
     """
     if not known_mps > 0:
         raise InputError('self-test', 'known speed', f'{known_mps} m/s', 'more than 0')
-    passes = run(MeasuringSite.of(site, rig, None, config.site).pipeline(config), pairs).passes
+    place = MeasuringSite.of(site, rig, None, config.site, stand_by=pairs)
+    passes = run(place.pipeline(config), pairs()).passes
     if len(passes) != 1:
         return SelfTest(known_mps, None, None, f'{len(passes)} passes measured instead of one')
     one = passes[0]

@@ -25,10 +25,9 @@ def steadiness_lines(state: Steadiness) -> list[str]:
                    f'{_angles(state.sway_rms_deg)}; its mean rotation since the site was learnt '
                    f'is {_angles(state.rest_deg, "+")}')
         if any(state.standing_std_deg):
-            out.append('how the rig stands in the site is known to '
-                       f'{_angles(state.standing_std_deg)}: the site is taken to be drawn as it '
-                       'stands in the mean of its first pairs; --refine-site finds its lines in '
-                       'the pairs themselves')
+            out.append('the site is taken to show the rig as it stands in the mean of some pairs, '
+                       f'known to {_angles(state.standing_std_deg)}; lines found by --refine-site '
+                       'tell that better')
     if any(state.drift_deg):
         out.append(f'the right camera has turned by {_angles(state.drift_deg, "+")} since the '
                    f'first pair (± {_angles(state.drift_std_deg)})')
@@ -42,11 +41,12 @@ def warning(steadier: Steadier) -> str:
     """Return a warning about the current state of the rig; empty if there is none."""
     if steadier.drift.too_far:
         return 'the right camera has turned too far: calibrate again'
-    if steadier.drift.turned:
-        return 'the right camera has turned; measuring with its angles corrected'
     if steadier.settling:
         return 'the rig sways, and its rest is not known yet: nothing is measured'
-    return 'the rig sways and its pose is unknown' if steadier.lost else ''
+    if steadier.lost:
+        return 'the rig sways and its pose is unknown'
+    return ('the right camera has turned; measuring with its angles corrected'
+            if steadier.drift.turned else '')
 
 
 def _angles(degrees: tuple[float, float, float], sign: str = '') -> str:

@@ -13,7 +13,7 @@ from ..core.records import Array
 
 STILL_PAIRS = 5  # a rig that has not swayed in its first pairs is at rest in them
 # From so many pairs over such a time on, the rest is known well enough to measure with.
-SETTLED_PAIRS, _SETTLED_S = 20, 3.0
+_SETTLED_PAIRS, _SETTLED_S = 20, 3.0
 # The rest is averaged over so many pairs, and such a time; a later mean follows slow changes.
 REST_PAIRS, _REST_S = 100, 10.0
 _SWAYED_PAIRS = 2  # a rig that has swayed in fewer is taken to stand still
@@ -68,7 +68,7 @@ class Rest:
     @property
     def is_settled(self) -> bool:
         """Return whether the poses suffice to measure with."""
-        return self._has(SETTLED_PAIRS, _SETTLED_S)
+        return self._has(_SETTLED_PAIRS, _SETTLED_S)
 
     @property
     def is_averaged(self) -> bool:

@@ -41,7 +41,7 @@ class Steadiness:
     :param sway_rms_deg: r.m.s. of the sway about the rest of the rig.
     :param rest_deg: current rest of the rig, relative to how it stood when the site was learnt.
     :param standing_std_deg: 1-sigma of how the rig stands in the site, as far as its sway makes
-        that uncertain; zeros if it has not swayed.
+        that uncertain; zeros if it has not swayed, or the lines of the site tell it.
     :param drift_deg: drift of the right camera relative to the left one; zeros if it has not
         turned.
     :param drift_std_deg: 1-sigma of the drift.
@@ -100,6 +100,7 @@ class Steadier:
     def reset(self) -> None:
         """Forget everything except the reference, as after time has jumped back."""
         self._views: Optional[tuple[ViewRotation, ViewRotation]] = None
+        self._has_details = False  # whether the reference shows enough to compare with
         self.drift = DriftFilter(self.config)
         self._square: Array = np.zeros(3)
         self._pairs = self._looks = self._unknown = self._swayed = self._missed = 0
@@ -123,21 +124,22 @@ class Steadier:
 
     def _is_due(self, pair: StereoPair) -> bool:
         """Return whether to look at a pair; after a while without motion, only some are due."""
-        return (self._still_looks < self.config.still_looks
-                or pair.stamp_ns - self._last_look_ns >= self.config.look_interval_s * 1e9)
+        waited = pair.stamp_ns - self._last_look_ns >= self.config.look_interval_s * 1e9
+        return self._views is None or waited or (
+            self._has_details and self._still_looks < self.config.still_looks)
 
     def _look(self, pair: StereoPair) -> Array:
         """Return the sway (3,) in a pair, rad, and update drift and appearance by it."""
         before = self._swayed, self.drift.turns
         self._looks += 1
-        if not self._has_details or self._missed >= self.config.renew_pairs:
+        if self._missed >= self.config.renew_pairs or not self._has_details:
             # There are none yet, or the known details are gone for good, as by night or by road
             # works: the rest is learnt, anew.
             self._learn(pair)
         left, right = self._measured(pair)
         if left is not None and right is not None:
             # The reference compared with itself carries no information, not even its own noise.
-            if pair is not self._reference_pair:
+            if pair.stamp_ns != self._reference_pair.stamp_ns:
                 self._update_drift(left, right, self._pairs - self._drift_pair)
             self._drift_pair = self._pairs
         self._learn_appearance(pair, (left, right))
@@ -148,19 +150,20 @@ class Steadier:
         return sway
 
     @property
-    def _has_details(self) -> bool:
-        """Return whether a view of the reference shows enough to compare with."""
-        return any(view.has_enough for view in self._views or ())
+    def _sways(self) -> bool:
+        """Return whether the rig has swayed since the reference, or stood swayed in it."""
+        return self._rest.moves or bool(self.standing[0].any())
 
     @property
     def lost(self) -> bool:
         """Return whether the rig sways and its pose in the newest pair is unknown."""
-        return self._missed > 0 and self._swayed > 0
+        return self._missed > 0 and self._sways
 
     def _learn(self, pair: StereoPair) -> None:
         """Compare with another pair from now on, whose pose relative to the rest is unknown."""
         self._views = (ViewRotation(self.rig.left, pair.left, self.config),
                        ViewRotation(self.rig.right, pair.right, self.config))
+        self._has_details = any(view.has_enough for view in self._views)
         self._reference_pair, self._missed = pair, 0
         self.drift.renew()
         # A right camera that has turned before is already turned in this reference.
@@ -277,7 +280,7 @@ class Steadier:
                 spread, back @ (right.angles_rad - self._drift_seen_rad))
         if left is None and right is None:
             self._unknown, self._missed = self._unknown + 1, self._missed + 1
-            return self._rest.mean_rad if self._swayed else np.zeros(3)
+            return self._rest.mean_rad if self._sways else np.zeros(3)
         self._missed = 0
         covariance: Array = np.asarray(np.linalg.inv(information), np.float64)
         angles = covariance @ weighted_sum

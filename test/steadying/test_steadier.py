@@ -154,13 +154,58 @@ def test_rest_is_learnt_from_the_first_pair_with_details(rig, take):
     blank = replace(take(0), left=np.zeros_like(take(0).left), right=np.zeros_like(take(0).left))
     motions = {k: swaying(k) for k in range(1, 6)}
     pairs = [take(k, motion) for k, motion in motions.items()]
-    reference = rest_of(Steadier(rig, CONFIG), [blank, *pairs])
+    reference = rest_of(Steadier(rig, replace(CONFIG, look_interval_s=0.0)), [blank, *pairs])
     assert reference.pair is pairs[0]
     steadier = Steadier(rig, CONFIG, reference)
     rest = np.mean([m.sway_rad for m in motions.values()], axis=0)
     wanted = RigMotion(tuple(np.subtract(motions[3].sway_rad, rest)))
     assert off_px(steadier.steady(pairs[2]).motion, wanted)[0] < 0.03
     assert rest_of(Steadier(rig, CONFIG), []) is None
+
+
+def test_dark_pairs_cost_one_look_in_half_a_second(rig, take):
+    """A reference that shows nothing is replaced, which costs more than a look."""
+    steadier, learnt = Steadier(rig, CONFIG), []
+    for k in range(20):  # ten a second
+        dark = replace(take(k), left=np.zeros_like(take(0).left),
+                       right=np.zeros_like(take(0).left))
+        assert steadier.steady(dark) is dark and not steadier.lost
+        learnt.append(steadier.learnt.pair.stamp_ns)
+    assert len(set(learnt)) == 4
+    for k in range(20, 27):
+        steadier.steady(take(k, swaying(k)))
+    assert steadier.state().swayed >= 2
+
+
+def test_rig_whose_details_moved_and_are_gone_is_not_lost_for_good(rig, take):
+    """As when only a vehicle was seen in the dark."""
+    steadier = Steadier(rig, replace(CONFIG, renew_pairs=6))
+    for k in range(4):
+        steadier.steady(take(k, swaying(k)))
+    lost = []
+    for k in range(4, 24):
+        steadier.steady(replace(take(k), left=np.zeros_like(take(0).left),
+                                right=np.zeros_like(take(0).left)))
+        lost.append(steadier.lost)
+    assert lost[0] and not lost[-1]
+
+
+def test_reference_read_again_tells_no_drift(rig, take):
+    """``replay`` reads the bag twice."""
+    def drift_std(first):
+        steadier = at_rest_in(rig, take(0))
+        for pair in (first, take(1), take(2), take(3)):
+            steadier.steady(pair)
+        return np.sqrt(np.diag(steadier.drift.covariance_rad2))
+    again = replace(take(0), left=take(0).left.copy())
+    np.testing.assert_array_equal(drift_std(again), drift_std(take(0)))
+
+
+def test_warnings_name_what_stops_measuring_first(rig, take):
+    steadier = Steadier(rig, CONFIG)
+    for k in range(8):
+        steadier.steady(take(k, swaying(k, TURN if k > 3 else (0.0, 0.0, 0.0))))
+    assert steadier.drift.turned and 'nothing is measured' in warning(steadier)
 
 
 def test_rest_counts_all_pairs_of_a_rig_that_begins_to_sway(rig, take):

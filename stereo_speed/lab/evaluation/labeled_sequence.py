@@ -154,8 +154,8 @@ def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
     annotations = None if init is None else load_init(init)
     with StereoBag(bag, left=left, right=right) as opened:
         return LabeledSequence(
-            site=MeasuringSite.of(read, opened.rig), annotations=annotations,
-            pairs=tuple(opened.pairs()), truths=truths)
+            site=MeasuringSite.of(read, opened.rig, stand_by=opened.pairs),
+            annotations=annotations, pairs=tuple(opened.pairs()), truths=truths)
 
 
 def run_tracker(sequence: LabeledSequence, tracker: str, config: TrackerConfig,

@@ -66,6 +66,8 @@ def test_sway_is_equal_in_both_views_and_has_its_amplitude():
     sway = np.degrees([disturber.motion(k, LEFT).sway_rad for k in range(40)])
     # The variance of 120 normal values is within 4 of its 1-sigmas, sqrt(2 / 120).
     assert abs(sway.var() / 0.01 - 1) < 4 * np.sqrt(2 / 120)
+    assert [disturber.motion(k, RIGHT) for k in range(40)] == [
+        disturber.motion(k, LEFT) for k in range(40)]
 
 
 def test_sway_of_a_mast_is_a_wave_of_its_frequency_in_each_angle():
