@@ -177,7 +177,7 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
             bag.hash_ahead()
         place = MeasuringSite.of(
             site, bag.rig, bag.pairs() if args.refine_site else None, config.site,
-            stand_by=bag.pairs)
+            rest_by=bag.pairs)
         done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
         place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))

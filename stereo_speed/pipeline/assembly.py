@@ -29,7 +29,7 @@ from ..steadying.config import SteadyingConfig
 from ..steadying.steadier import Reference, rest_of, Steadier
 
 # Most pairs that the rest of a rig is learnt from beforehand, and most that show no details.
-_MOST_STAND_BY, _MOST_BLANK = 1000, 20
+_MOST_REST_PAIRS, _MOST_BLANK = 1000, 20
 
 MakeDetector = Callable[[StereoRig, Mapping[str, LanePath], Any], Detector]  # last, its settings
 
@@ -62,7 +62,7 @@ class MeasuringSite:
     def of(cls, site: Site, rig: StereoRig,
            refine_by: Optional[Iterable[StereoPair]] = None,
            config: SiteConfig = SiteConfig(), *,
-           stand_by: Optional[Callable[[], Iterable[StereoPair]]] = None
+           rest_by: Optional[Callable[[], Iterable[StereoPair]]] = None
            ) -> MeasuringSite:
         """
         Return a site ready to be measured at.
@@ -72,7 +72,7 @@ class MeasuringSite:
         :param refine_by: pairs to refine the site by; where that fails, the site is used as read.
             None to use it as read without refinement.
         :param config: priors of roads, and how to refine.
-        :param stand_by: returns the pairs that will be measured, of which the first tell the rest
+        :param rest_by: returns the pairs that will be measured, of which the first tell the rest
             of a rig that sways, unless the site is refined.  None to learn it while measuring.
         :raises SiteError: the lines give no usable road.
         """
@@ -87,8 +87,8 @@ class MeasuringSite:
         corrected = site.corrected_rig(rig)
         return cls(site, corrected, lane_paths(site, corrected, config.road),
                    not_refined=not_refined,
-                   reference=None if stand_by is None else _swaying_reference(
-                       corrected, stand_by(), config.steadying))
+                   reference=None if rest_by is None else _swaying_reference(
+                       corrected, rest_by(), config.steadying))
 
     def pipeline(self, config: PipelineConfig,
                  annotations: Optional[Sequence[InitialFront]] = None, *,
@@ -154,7 +154,7 @@ def _swaying_reference(rig: StereoRig, pairs: Iterable[StereoPair], config: Stea
     steadier = Steadier(rig, _each_pair(config))
 
     def first() -> Iterator[StereoPair]:
-        for pair in islice(pairs, _MOST_STAND_BY):
+        for pair in islice(pairs, _MOST_REST_PAIRS):
             yield pair
             state = steadier.state()
             if steadier.standing_is_fixed or state.unknown >= _MOST_BLANK and not state.swayed:

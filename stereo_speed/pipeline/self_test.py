@@ -72,7 +72,7 @@ def self_test(site: Site, rig: StereoRig, pairs: Callable[[], Iterable[StereoPai
     """
     if not known_mps > 0:
         raise InputError('self-test', 'known speed', f'{known_mps} m/s', 'more than 0')
-    place = MeasuringSite.of(site, rig, None, config.site, stand_by=pairs)
+    place = MeasuringSite.of(site, rig, None, config.site, rest_by=pairs)
     passes = run(place.pipeline(config), pairs()).passes
     if len(passes) != 1:
         return SelfTest(known_mps, None, None, f'{len(passes)} passes measured instead of one')

@@ -22,7 +22,7 @@ def measure(scene: Scene, site: Site, name: str, settings: PipelineConfig) -> Ru
     :param settings: all parameters.
     """
     def work(bag: StereoBag) -> Run:
-        place = MeasuringSite.of(site, scene.rig, config=settings.site, stand_by=bag.pairs)
+        place = MeasuringSite.of(site, scene.rig, config=settings.site, rest_by=bag.pairs)
         return run(place.pipeline(settings), bag.pairs())
     result = scene.run_over(work)
     summary = {'input': {'bag': scene.path.resolve().name, 'bag_sha256': scene.content_hash()},

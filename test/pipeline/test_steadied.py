@@ -105,11 +105,11 @@ def test_pairs_are_read_beforehand_only_as_far_as_needed():
         for pair in still.pairs:
             taken.append(pair)
             yield pair
-    place = MeasuringSite.of(still.site.site, still.site.rig, stand_by=first)
+    place = MeasuringSite.of(still.site.site, still.site.rig, rest_by=first)
     assert place.reference is None and 5 <= len(taken) <= 6
     moving = simulated_sequence(replace(SMALL, sway_deg=0.1), (4,), LineKnowledge.EXACT)
     off = MeasuringSite.of(moving.site.site, moving.site.rig, config=OFF.site,
-                           stand_by=lambda: moving.pairs)
+                           rest_by=lambda: moving.pairs)
     assert off.reference is None and moving.site.reference is not None
 
 

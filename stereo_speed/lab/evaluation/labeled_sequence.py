@@ -78,7 +78,7 @@ def simulated_sequence(config: SimConfig, seed: Sequence[int], lines: LineKnowle
     content = sequence.site_exact if lines is LineKnowledge.EXACT else sequence.site
     site = MeasuringSite.of(read_back(content, load_site), sequence.rig,
                             sequence.pairs if lines is LineKnowledge.REFINED else None,
-                            stand_by=(lambda: sequence.pairs) if config.sway_deg else None)
+                            rest_by=(lambda: sequence.pairs) if config.sway_deg else None)
     return LabeledSequence(site=site, annotations=read_back(sequence.init, load_init),
                            pairs=sequence.pairs, truths=truth_of_rows(sequence.truth))
 
@@ -154,7 +154,7 @@ def bag_sequence(bag: Path, site: Path, init: Optional[Path], truth: Path, *,
     annotations = None if init is None else load_init(init)
     with StereoBag(bag, left=left, right=right) as opened:
         return LabeledSequence(
-            site=MeasuringSite.of(read, opened.rig, stand_by=opened.pairs),
+            site=MeasuringSite.of(read, opened.rig, rest_by=opened.pairs),
             annotations=annotations, pairs=tuple(opened.pairs()), truths=truths)
 
 
