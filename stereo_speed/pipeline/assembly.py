@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -152,14 +152,12 @@ def _swaying_reference(rig: StereoRig, pairs: Iterable[StereoPair], config: Stea
     if not config.enabled:
         return None
     steadier = Steadier(rig, _each_pair(config))
-
-    def first() -> Iterator[StereoPair]:
-        for pair in islice(pairs, _MOST_REST_PAIRS):
-            yield pair
-            state = steadier.state()
-            if steadier.standing_is_fixed or state.unknown >= _MOST_BLANK and not state.swayed:
-                return
-    reference = rest_of(steadier, first())
+    for pair in islice(pairs, _MOST_REST_PAIRS):
+        steadier.steady(pair)
+        state = steadier.state()
+        if steadier.standing_is_fixed or state.unknown >= _MOST_BLANK and not state.swayed:
+            break
+    reference = steadier.learnt
     return None if reference is None or not reference.covariance_rad2.any() else reference
 
 

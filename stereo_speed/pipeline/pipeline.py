@@ -125,7 +125,7 @@ class SpeedPipeline:
         self._intake = Intake(rig, config, self._roster)
         self._starter = Starter(
             rig, self.lanes, config, start, seed, self._intake, self._roster, self.doubt.lag,
-            self.doubt.direction_std_rad)
+            self.doubt.rest_std_rad)
         self._open = OpenWork(solving, self._roster, self._intake, self._starter)
         self._endings = Endings(self._roster, self._open, self.doubt,
                                 AtOnce() if conclusions is None else conclusions)

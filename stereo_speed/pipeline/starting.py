@@ -45,7 +45,7 @@ class Starter:
     :param intake: feeds tracks their first pairs.
     :param roster: the tracks; the caller adds new ones to it.
     :param view_lag: the time between the views.
-    :param direction_std_rad: returns the 1-sigmas of a lane's direction, across and up, by how
+    :param rest_std_rad: returns the 1-sigmas of a lane's direction, across and up, by how
         the rig sways, rad; None where it does not.
     :param next_track: number of the next track.
     :param stamp_std_s: 1-sigma assumed for uneven stamps, s; None where they are even.
@@ -59,7 +59,7 @@ class Starter:
     intake: Intake
     roster: Roster
     view_lag: ViewLag
-    direction_std_rad: Callable[[LanePath], Optional[tuple[float, float]]]
+    rest_std_rad: Callable[[LanePath], Optional[tuple[float, float]]]
     next_track: int = 0
     stamp_std_s: Optional[float] = None
 
@@ -169,7 +169,7 @@ class Starter:
         trace = PassTrace(
             self.next_track, self.seed, lane.name, front, particles,
             seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
-            stamp_std_s=self.stamp_std_s, rest_std_rad=self.direction_std_rad(lane))
+            stamp_std_s=self.stamp_std_s, rest_std_rad=self.rest_std_rad(lane))
         tracker = self.start_tracker(start_of(trace, self.rig, lane, self.config, pair))
         if isinstance(tracker, Refusal):
             return tracker

@@ -63,7 +63,7 @@ class StreamDoubt:
         """Return a pair with the motion of its rig."""
         return pair if self.steadier is None else self.steadier.steady(pair)
 
-    def direction_std_rad(self, lane: LanePath) -> Optional[tuple[float, float]]:
+    def rest_std_rad(self, lane: LanePath) -> Optional[tuple[float, float]]:
         """
         Return the 1-sigmas of a lane's direction, across and up, by how the rig sways, rad.
 
@@ -74,7 +74,7 @@ class StreamDoubt:
         covariance_rad2 = self.steadier.standing_covariance_rad2
         if not covariance_rad2.any():
             return None
-        across, up = lane.direction_std_rad(covariance_rad2)
+        across, up = lane.heading_std_by(covariance_rad2)
         return float(across), float(up)
 
     # -- what tracks are told -------------------------------------------------------------

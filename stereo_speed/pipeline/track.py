@@ -225,7 +225,7 @@ def start_of(trace: PassTrace, rig: StereoRig, lane: LanePath, config: TrackerCo
     :param pair: the pair of its first front.
     """
     if trace.rest_std_rad is not None:
-        lane = lane.with_direction_std(np.array(trace.rest_std_rad))
+        lane = lane.with_heading_std(np.array(trace.rest_std_rad))
     return TrackStart(
         rig=rig, lane=lane, front=trace.front, pair=pair, track=trace.track,
         config=replace(with_stamps(config, trace), particles=trace.particles),

@@ -51,7 +51,7 @@ class LanePath:
     scale_profile: Optional[tuple[Array, Array]] = None
     shape_std: float = 0.0
 
-    def with_direction_std(self, std_rad: Array) -> LanePath:
+    def with_heading_std(self, std_rad: Array) -> LanePath:
         """
         Return the lane with a further, independent uncertainty of its direction.
 
@@ -59,7 +59,7 @@ class LanePath:
         """
         return replace(self, heading_std_rad=np.hypot(self.heading_std_rad, std_rad))
 
-    def direction_std_rad(self, covariance_rad2: Array) -> Array:
+    def heading_std_by(self, covariance_rad2: Array) -> Array:
         """
         Return the 1-sigma (2,) of the direction, across and up, after an uncertain rotation, rad.
 

@@ -75,9 +75,9 @@ def test_direction_is_uncertain_by_rotations_about_its_own_axes(make_scene):
         np.array([0.0, 2, 60]), np.array([0.0, 0, -1]), 40.0, np.array([0.0, -1, 0])),), None,
         make_scene().rig, 0.0)
     tilt, pan, roll = 1e-3, 2e-3, 4e-3
-    std = lane.direction_std_rad(np.diag([tilt, pan, roll])**2)
+    std = lane.heading_std_by(np.diag([tilt, pan, roll])**2)
     np.testing.assert_allclose(std, [pan, tilt])
-    wider = lane.with_direction_std(std).with_direction_std(std)
+    wider = lane.with_heading_std(std).with_heading_std(std)
     np.testing.assert_allclose(wider.heading_std_rad, np.sqrt(2) * std)
     assert wider.path is lane.path
 

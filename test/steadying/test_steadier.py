@@ -31,6 +31,11 @@ def at_rest_in(rig, pair):
     return Steadier(rig, CONFIG, Reference(pair, np.zeros(3), np.zeros((3, 3))))
 
 
+def dark(pair):
+    """Return a pair in whose images nothing is visible."""
+    return replace(pair, left=np.zeros_like(pair.left), right=np.zeros_like(pair.right))
+
+
 def swaying(seed, drift=(0.0, 0.0, 0.0)):
     """Return the motion of a rig that sways by a tenth of a degree."""
     sway = np.radians(0.1) * np.random.default_rng(seed).standard_normal(3)
@@ -93,8 +98,8 @@ def test_rotation_of_the_left_camera_is_sway_with_opposite_right_drift(rig, take
 def test_one_view_alone_shows_the_sway(rig, take):
     steadier = at_rest_in(rig, take(0))
     steadier.steady(take(0))
-    dark = replace(take(1, swaying(1)), right=np.zeros_like(take(1).right))
-    assert off_px(steadier.steady(dark).motion, swaying(1))[0] < 0.03
+    one_dark = replace(take(1, swaying(1)), right=np.zeros_like(take(1).right))
+    assert off_px(steadier.steady(one_dark).motion, swaying(1))[0] < 0.03
     assert not steadier.lost
 
 
@@ -151,10 +156,10 @@ def test_one_sway_by_chance_is_no_swaying_rig(rig, take):
 
 
 def test_rest_is_learnt_from_the_first_pair_with_details(rig, take):
-    blank = replace(take(0), left=np.zeros_like(take(0).left), right=np.zeros_like(take(0).left))
     motions = {k: swaying(k) for k in range(1, 6)}
     pairs = [take(k, motion) for k, motion in motions.items()]
-    reference = rest_of(Steadier(rig, replace(CONFIG, look_interval_s=0.0)), [blank, *pairs])
+    steadier = Steadier(rig, replace(CONFIG, look_interval_s=0.0))
+    reference = rest_of(steadier, [dark(take(0)), *pairs])
     assert reference.pair is pairs[0]
     steadier = Steadier(rig, CONFIG, reference)
     rest = np.mean([m.sway_rad for m in motions.values()], axis=0)
@@ -167,9 +172,8 @@ def test_dark_pairs_cost_one_look_in_half_a_second(rig, take):
     """A reference that shows nothing is replaced, which costs more than a look."""
     steadier, learnt = Steadier(rig, CONFIG), []
     for k in range(20):  # ten a second
-        dark = replace(take(k), left=np.zeros_like(take(0).left),
-                       right=np.zeros_like(take(0).left))
-        assert steadier.steady(dark) is dark and not steadier.lost
+        pair = dark(take(k))
+        assert steadier.steady(pair) is pair and not steadier.lost
         learnt.append(steadier.learnt.pair.stamp_ns)
     assert len(set(learnt)) == 4
     for k in range(20, 27):
@@ -184,8 +188,7 @@ def test_rig_whose_details_moved_and_are_gone_is_not_lost_for_good(rig, take):
         steadier.steady(take(k, swaying(k)))
     lost = []
     for k in range(4, 24):
-        steadier.steady(replace(take(k), left=np.zeros_like(take(0).left),
-                                right=np.zeros_like(take(0).left)))
+        steadier.steady(dark(take(k)))
         lost.append(steadier.lost)
     assert lost[0] and not lost[-1]
 
@@ -242,8 +245,7 @@ def test_blank_pair_is_unknown_and_the_next_is_found(rig, take):
     steadier = at_rest_in(rig, take(0))
     for k in range(3):
         steadier.steady(take(k, swaying(k) if k else None))
-    blank = replace(take(3), left=np.zeros_like(take(3).left), right=np.zeros_like(take(3).left))
-    steadier.steady(blank)
+    steadier.steady(dark(take(3)))
     assert steadier.lost and steadier.state().unknown == 1
     assert off_px(steadier.steady(take(4, swaying(4))).motion, swaying(4))[0] < 0.03
     assert not steadier.lost
