@@ -49,6 +49,11 @@ class EvidenceRecorder:
         found = self.decide(record_id, result)
         return None if isinstance(found, NoRecord) else self.write(found)
 
+    def awaits_images(self, result: PassResult) -> bool:
+        """Return whether an image of a pass may still come, so that deciding should wait."""
+        return result.trace is not None and any(
+            self.ring.may_come(side, ns) for side, ns in _image_stamps(result.trace))
+
     def decide(self, record_id: str, result: PassResult) -> Violation | NoRecord:
         """
         Return a violation with its images, or the reason for no record, which is counted.
@@ -140,15 +145,15 @@ class EvidenceRecorder:
 
     def _images(self, trace: PassTrace) -> Optional[list[Views]]:
         """Return the images of all pairs of a pass; None where one is no longer buffered."""
-        out: list[Views] = []
-        for pair in trace.pairs:
-            found = [self.ring.get(side, ns)
-                     for side, ns in zip(SIDES, (pair.stamp_ns, pair.right_image_ns))]
-            left, right = found
-            if left is None or right is None:
-                return None
-            out.append((left, right))
-        return out
+        found = [self.ring.get(side, ns) for side, ns in _image_stamps(trace)]
+        whole = [image for image in found if image is not None]
+        return list(zip(whole[::2], whole[1::2])) if len(whole) == len(found) else None
+
+
+def _image_stamps(trace: PassTrace) -> list[tuple[str, int]]:
+    """Return the sides and stamps of the images of a pass, left and right by turns."""
+    return [image for pair in trace.pairs
+            for image in zip(SIDES, (pair.stamp_ns, pair.right_image_ns))]
 
 
 def _repeated(images: list[Views]) -> bool:

@@ -3,17 +3,19 @@
 """
 ``evidence_node``: raw images and finished passes in, records of violations out.
 
-Images are kept as received, for a limited time. When a pass ends, the node decides whether it is a
-violation; a thread of its own writes the record, so that no image is missed meanwhile.
+Images are kept as received, for a limited time. When a pass has ended and its images have come, the
+node decides whether it is a violation; a thread of its own writes the record, so that no image is
+missed meanwhile.
 """
 from __future__ import annotations
 
 from collections import Counter, deque, OrderedDict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 import json
 from pathlib import Path
 import threading
+import time
 from typing import Any, Optional
 
 import rclpy
@@ -26,6 +28,7 @@ from .diagnostics import Diagnostics
 from .health import ERROR, State, WARN
 from .subscriptions import image_kind, OfferedSubscription
 from ..core.errors import InputError, StereoSpeedError
+from ..core.passes import PassResult
 from ..enforcement.chain import load_private_key
 from ..enforcement.clock import clock_state
 from ..enforcement.config import EnforcementConfig
@@ -48,7 +51,25 @@ _MOST_VIOLATIONS = 20  # greatest number of unwritten violations, each with its 
 _MOST_RUNS = 8  # number of latest runs of the measuring program whose passes are accepted
 _POLL_S = 0.1
 _RETENTION_S = 3600.0
+_IMAGES_S = 5.0  # longest wait for images that come after their pass, as on a busy machine
 _STOP_S = 60.0  # longest time to write the last records when the node stops
+
+
+@dataclass(frozen=True, eq=False)
+class _Undecided:
+    """
+    A pass to decide on.
+
+    :param recorder: decides on it.
+    :param name: its id.
+    :param result: the pass with its trace.
+    :param until_s: steady time up to which it waits for its images, s.
+    """
+
+    recorder: EvidenceRecorder
+    name: str
+    result: PassResult
+    until_s: float
 
 
 class EvidenceNode(Node):
@@ -79,6 +100,7 @@ class EvidenceNode(Node):
         # id of a pass to its run and its message, and the same for its trace
         self.told: OrderedDict[str, tuple[str, str]] = OrderedDict()
         self.traced: OrderedDict[str, tuple[str, str]] = OrderedDict()
+        self._undecided: deque[_Undecided] = deque()
         self._work: deque[tuple[EvidenceRecorder, Violation]] = deque()
         self._done: deque[tuple[Optional[Stored], str]] = deque()
         self._wake, self._stopping = threading.Condition(), False
@@ -159,15 +181,32 @@ class EvidenceNode(Node):
         self._join()
 
     def _join(self) -> None:
-        """Decide on each pass whose trace and instrument have arrived."""
+        """Take up each pass whose trace and instrument have arrived, and decide where possible."""
         for name in [n for n in self.told if n in self.traced]:
             recorder = self.recorders.get(self.traced[name][0])
             if recorder is not None:
-                self._decide(recorder, name, self.told.pop(name)[1], self.traced.pop(name)[1])
+                self._take_up(recorder, name, self.told.pop(name)[1], self.traced.pop(name)[1])
+        self._decide_ready()
 
-    def _decide(self, recorder: EvidenceRecorder, name: str, told: str, traced: str) -> None:
+    def _take_up(self, recorder: EvidenceRecorder, name: str, told: str, traced: str) -> None:
         try:
-            violation = recorder.decide(name, result_of(told, traced, 'passes'))
+            result = result_of(told, traced, 'passes')
+        except StereoSpeedError as error:
+            self._refuse('bad_message', error)
+            return
+        self._undecided.append(_Undecided(
+            recorder, name, result, time.monotonic() + _IMAGES_S))
+
+    def _decide_ready(self) -> None:
+        """Decide on each pass whose images have come, or have been waited for long enough."""
+        for one in list(self._undecided):
+            if time.monotonic() > one.until_s or not one.recorder.awaits_images(one.result):
+                self._undecided.remove(one)
+                self._decide(one.recorder, one.name, one.result)
+
+    def _decide(self, recorder: EvidenceRecorder, name: str, result: PassResult) -> None:
+        try:
+            violation = recorder.decide(name, result)
         except StereoSpeedError as error:
             self._refuse('bad_message', error)
             return
@@ -205,7 +244,8 @@ class EvidenceNode(Node):
                 self._work.popleft()
 
     def tell(self) -> None:
-        """Publish the records written since the last call, and log errors."""
+        """Decide on passes that have waited; publish the records written since, log errors."""
+        self._decide_ready()
         while self._done:
             stored, self.wrong = self._done.popleft()
             if self.wrong:
@@ -236,6 +276,9 @@ class EvidenceNode(Node):
 
     def close(self) -> None:
         """Write the last records, because the node stops."""
+        for one in self._undecided:
+            self._decide(one.recorder, one.name, one.result)
+        self._undecided.clear()
         with self._wake:
             self._stopping = True
             self._wake.notify()

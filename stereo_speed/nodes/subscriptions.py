@@ -20,10 +20,10 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
-from .common import Parameters, qos_options
+from .common import Parameters, qos_options, RELIABLE
 from ..core.errors import InputError
 
-_DEPTH = 10
+_DEPTH = RELIABLE.depth  # several seconds of images, for a node that a busy machine stalls
 _CHECK_S = 0.2  # interval at which publishers are checked
 
 

@@ -359,3 +359,14 @@ def test_trace_and_pass_are_read_back_from_messages(sample):
 def test_limit_is_in_the_unit_of_the_site(written):
     assert record_of(written)['speed']['limit'] == pytest.approx(45 * 0.44704 / KMH_MPS, abs=1e-5)
     assert Path(SAMPLE / 'site.yaml').read_text() == (written / NAME / 'site.yaml').read_text()
+
+
+def test_an_image_may_come_until_a_later_one_of_its_side_has():
+    ring, image = ImageRing(1000, 10 ** 12), SourceImage('jpeg', bytes(1))
+    assert ring.may_come('left', 5)
+    ring.add('left', 4, image)
+    assert ring.may_come('left', 5) and not ring.may_come('left', 4)
+    ring.add('right', 6, image)
+    assert ring.may_come('left', 5) and not ring.may_come('right', 5)
+    ring.add('left', 6, image)
+    assert not ring.may_come('left', 5)

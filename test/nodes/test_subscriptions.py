@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 import rclpy  # noqa: E402, I100
+from rclpy.duration import Duration  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
@@ -61,6 +62,21 @@ def test_no_message_is_lost_or_told_twice_while_it_becomes_reliable(stand_in):
     stand_in.wait(lambda: heard[-1].data == sent[-1], EVENT_S)
     told = [int(message.data) for message in heard]
     assert told == list(range(told[0], len(sent)))
+    subscription.close()
+
+
+def test_a_node_that_stands_still_for_seconds_loses_nothing(stand_in):
+    """Forty images, as of two seconds, come while nothing is taken."""
+    heard = []
+    publisher = stand_in.create_publisher(String, 'offered', RELIABLE)
+    stand_in.wait(lambda: stand_in.count_publishers('offered'), EVENT_S)
+    subscription = OfferedSubscription(stand_in, String, 'offered', heard.append)
+    stand_in.wait(publisher.get_subscription_count, EVENT_S)
+    for n in range(40):
+        publisher.publish(String(data=f'{n}'))
+    assert publisher.wait_for_all_acked(Duration(seconds=EVENT_S))
+    stand_in.wait(lambda: len(heard) == 40, EVENT_S)
+    assert [message.data for message in heard] == [f'{n}' for n in range(40)]
     subscription.close()
 
 
