@@ -3,9 +3,9 @@
 """
 ``evidence_node``: raw images and finished passes in, records of violations out.
 
-Images are kept as received, for a limited time. When a pass has ended and its images have come, the
-node decides whether it is a violation; a thread of its own writes the record, so that no image is
-missed meanwhile.
+Images are kept as received, for a limited time. When a pass has ended and its images have come,
+the node decides whether it is a violation; a thread of its own writes the record, so that no image
+is missed meanwhile.
 """
 from __future__ import annotations
 

@@ -76,10 +76,10 @@ class Starter:
         part = measured_part(TrackStart(
             rig=self.rig, lane=lane, config=self.config, front=front, pair=pair,
             track=self.next_track, rng=np.random.default_rng(self.seed)))
-        track = self._start(part, pair, lane, None, pair, Marked(
-            front.std_px, _width_px(part) / _width_px(front)))
+        track = self._start(part, pair, lane, Marked(
+            front.std_px, _width_px(part) / _width_px(front)), pair)
         if isinstance(track, Refusal) and part is not front:
-            track = self._start(front, pair, lane, None, pair, Marked(front.std_px))
+            track = self._start(front, pair, lane, Marked(front.std_px), pair)
         if isinstance(track, Refusal):
             raise track.error()
         return track
@@ -136,13 +136,14 @@ class Starter:
             pair; None if the old track has published a reading or was fed too many pairs, or if
             the new one misses its vehicle in a pair.
         """
-        if not track.restart_pairs:
+        found = track.size.marked or track.detection
+        if not track.restart_pairs or found is None:
             return None
         start = track.trace.start
         pairs = [self.view_lag.recorrected(pair) for pair in track.restart_pairs]
         next_track, self.next_track = self.next_track, start.track
-        new = self._start(start.front, pairs[0], self.lanes[start.lane], track.detection,
-                          pairs[-1], track.size.marked, start.particles)
+        new = self._start(start.front, pairs[0], self.lanes[start.lane], found, pairs[-1],
+                          start.particles)
         self.next_track = next_track
         if isinstance(new, Refusal):
             return None
@@ -155,19 +156,20 @@ class Starter:
         return new, newest
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
-               detection: Optional[Detection], newest: StereoPair,
-               marked: Optional[Marked] = None, particles: Optional[int] = None) -> Union[Track, Refusal]:
+               found: Union[Detection, Marked], newest: StereoPair,
+               particles: Optional[int] = None) -> Union[Track, Refusal]:
         """
         Return a new track, or why none can start.
 
         :param pair: the pair of the front.
-        :param detection: the detection of the front; None where a person annotated it.
+        :param found: the detection of the front, or how a person annotated it.
         :param newest: the current pair.
-        :param marked: how a person annotated it; None where the front was detected.
         :param particles: number of particles; None for the share of one more track.
         """
         if particles is None:
             particles = share_of(self.config, len(self.roster.tracks) + 1)
+        marked = found if isinstance(found, Marked) else None
+        detection = found if isinstance(found, Detection) else None
         trace = PassTrace(
             self.next_track, self.seed, lane.name, front, particles,
             seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
