@@ -3,10 +3,10 @@
 """
 ``disturb``: copy a bag as if the rig had swayed, or a camera were displaced or out of focus.
 
-It shows what would be measured of the same traffic from a pole in the wind.  DIR/bag is measured
-with the same site.  Cameras are rotated about their own centres, which is exact except at the
-border: new regions repeat the edge, over about f tan(angle), which is 3 px for 0.1 degrees at f =
-1800 px.
+Or as if the rig had been calibrated again, with other errors within the tolerances.  It shows what
+would be measured of the same traffic from a pole in the wind.  DIR/bag is measured with the same
+site.  Cameras are rotated about their own centres, which is exact except at the border: new
+regions repeat the edge, over about f tan(angle), which is 3 px for 0.1 degrees at f = 1800 px.
 """
 from __future__ import annotations
 
@@ -46,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='1-sigma of the blur of one camera')
     add('--camera', choices=CAMERAS, default='right',
         help='camera that turns or is out of focus (default: right)')
+    add('--calibration', action='store_true',
+        help='draw errors of focal length, baseline and angles between the cameras, within the '
+        'tolerances that speeds allow for')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
 
 
@@ -63,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     what = Disturbance(
         sway_deg=args.sway_deg, sway_hz=args.sway_hz, turn_deg=(pan, tilt, roll),
         turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px,
-        camera=CAMERAS.index(args.camera))
+        camera=CAMERAS.index(args.camera), calibration=args.calibration)
     count = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
                         args.right)
     print(f'{args.out}: {count} pairs')

@@ -10,28 +10,24 @@ import tempfile
 from typing import Callable, Mapping, Optional, Sequence, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 import yaml
 
 from .scorer import beside_truth, SequenceRun
+from ..sim.calibration_error import drawn_calibration
 from ..sim.config import SimConfig
 from ..sim.sequence import SimSequence, simulate
-from ...core.records import Array, InitialFront, StereoPair
+from ...core.records import InitialFront, StereoPair
 from ...core.tracker_config import TrackerConfig
-from ...geometry.camera import Camera
-from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.truth import read_truth, truth_of_rows, VehicleTruth
 from ...pipeline.assembly import MeasuringSite
 from ...pipeline.config import PipelineConfig, SiteConfig
 from ...pipeline.run import run as run_pipeline
-from ...road.problem import RoadPrior
 from ...site.file import load_site
 from ...site.init_file import load_init
 from ...steadying.config import SteadyingConfig
 
 Content = TypeVar('Content')
-_ACROSS = 15  # places across an image at which two views are compared
 
 
 class LineKnowledge(str, Enum):
@@ -88,47 +84,20 @@ def disturbed(sequence: SimSequence, tolerances: TrackerConfig,
     """
     Disturb the calibration and the stamps that a tracker gets, within its tolerances.
 
-    Both focal lengths have the same relative error, as from one calibration, which makes the views
-    agree at infinity: with converging cameras an error of the focal length also displaces one view
-    against the other, unless the angles between them make up for it.  The stamps of both views
-    have the same error, as from one trigger.
+    The stamps of both views have the same error, as from one trigger.
 
-    :param tolerances: has the 1-sigmas ``focal_std``, ``baseline_std_m`` and ``stamp_std_s``; the
-        errors of the angles between the cameras have the 1-sigma of a calibrated rig.
+    :param tolerances: has the 1-sigmas ``focal_std``, ``baseline_std_m`` and ``stamp_std_s``.
     """
-    angles = np.radians(RoadPrior().calibrated_std_deg) * rng.standard_normal(3)
-    rig = sequence.rig.drifted(angles)
-    focal = 1 + tolerances.focal_std * rng.standard_normal()
-    baseline = 1 + tolerances.baseline_std_m / rig.baseline_m * rng.standard_normal()
-    cameras = [replace(camera, K=camera.K * [[focal, focal, 1], [focal, focal, 1], [1, 1, 1]])
-               for camera in (rig.left, rig.right)]
+    rig = drawn_calibration(sequence.rig, tolerances, rng)
     late_ns = {pair.stamp_ns: round(1e9 * tolerances.stamp_std_s * rng.standard_normal())
                for pair in sequence.pairs}
-    R = _agreeing_at_infinity(rig, cameras)
     return replace(
-        sequence, rig=StereoRig(cameras[0], cameras[1], R, R @ rig.R.T @ rig.t * baseline),
+        sequence, rig=rig,
         pairs=tuple(replace(p, stamp_ns=p.stamp_ns + late_ns[p.stamp_ns],
                             right_stamp_ns=p.right_stamp_ns + late_ns[p.stamp_ns])
                     for p in sequence.pairs),
         truth=tuple({**row, 'stamp_ns': row['stamp_ns'] + late_ns[row['stamp_ns']]}
                     for row in sequence.truth))
-
-
-def _agreeing_at_infinity(rig: StereoRig, cameras: Sequence[Camera]) -> Array:
-    """
-    Return the rotation (3, 3) with which other cameras see infinity as a rig does.
-
-    :param rig: the rig.
-    :param cameras: left and right camera to use instead of its own.
-    """
-    u, v = np.meshgrid(*(np.linspace(0.0, size - 1.0, _ACROSS)
-                         for size in (rig.left.width_px, rig.left.height_px)))
-    left_px = np.column_stack([u.ravel(), v.ravel()])
-    right_px, seen = rig.right.project(rig.left.rays(left_px) @ rig.R.T)
-    rays = [each.rays(uv) for each, uv in zip(cameras, (left_px, right_px))]
-    seen &= np.isfinite(np.hstack(rays)).all(axis=1)
-    left, right = (ray[seen] / np.linalg.norm(ray[seen], axis=1, keepdims=True) for ray in rays)
-    return np.asarray(Rotation.align_vectors(right, left)[0].as_matrix())
 
 
 def read_back(content: Mapping[str, object], load: Callable[[Path], Content]) -> Content:

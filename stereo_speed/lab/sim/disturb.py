@@ -15,12 +15,14 @@ from typing import Any, Optional, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .calibration_error import drawn_calibration
 from .config import SimConfig
 from .optics import FaultConfig, Optics, SHARP
 from .sway import Sway, swayed
 from .texture import Image
 from ...core.errors import InputError
 from ...core.records import RigMotion
+from ...core.tracker_config import TrackerConfig
 from ...core.units import seconds
 from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
@@ -41,6 +43,8 @@ class Disturbance:
         between both signs, the same in both views.
     :param defocus_px: 1-sigma of the blur of one camera, px.
     :param camera: the camera that turns or is out of focus: 0 left, 1 right.
+    :param calibration: whether the calibration has errors, drawn within the tolerances that speeds
+        allow for.
     """
 
     sway_deg: float = 0.0
@@ -50,11 +54,20 @@ class Disturbance:
     exposure_step: float = 0.0
     defocus_px: float = 0.0
     camera: int = 1
+    calibration: bool = False
+
+    @property
+    def changes_images(self) -> bool:
+        """Return whether images are disturbed."""
+        return bool(
+            self.sway_deg or any(self.turn_deg) or self.exposure_step or self.defocus_px)
 
 
 class Disturber:
     """
     Disturbs the images of one recording, with random numbers drawn in advance for each pair.
+
+    ``calibrated`` is the rig as the calibration of the copy describes it.
 
     :param what: the disturbance.
     :param rig: the rig of the recording.
@@ -66,9 +79,9 @@ class Disturber:
 
     def __init__(self, what: Disturbance, rig: StereoRig, stamps_ns: Sequence[int],
                  grain_grey: tuple[float, float], rng: np.random.Generator) -> None:
-        if not (what.sway_deg or any(what.turn_deg) or what.exposure_step or what.defocus_px):
+        if not (what.changes_images or what.calibration):
             raise InputError('disturb', 'disturbance', 'none', 'a sway, a turn, exposure steps '
-                             'or a defocus that is not zero')
+                             'or a defocus that is not zero, or errors of the calibration')
         times_s = [seconds(stamp_ns, stamps_ns[0]) for stamp_ns in stamps_ns]
         if any(what.turn_deg) and what.turn_s > times_s[-1]:
             raise InputError('disturb', 'time of the turn', f'{what.turn_s:g} s',
@@ -76,7 +89,9 @@ class Disturber:
         self.what, self.rig = what, rig
         self._stamps_ns = np.array(stamps_ns, np.int64)
         self._grain_grey = grain_grey
-        wind, light, self._grain = rng.spawn(3)
+        wind, light, self._grain, calibration = rng.spawn(4)
+        self.calibrated = drawn_calibration(rig, TrackerConfig(), calibration) \
+            if what.calibration else rig
         sway = Sway(SimConfig(
             sway_deg=what.sway_deg, sway_hz=what.sway_hz, right_turn_deg=what.turn_deg,
             right_turn_s=what.turn_s), wind)

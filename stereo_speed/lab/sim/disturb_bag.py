@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Copy a bag with the images of its stereo pair disturbed."""
+"""Copy a bag with the images of its stereo pair, or its calibration, disturbed."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from .disturb import Disturbance, Disturber, grain_grey
-from .write import aside
+from .write import aside, rectification
 from ...core.errors import InputError
 from ...io.bags import StereoBag
 from ...io.images import grey_from_message
 from ...io.recording import header_stamp_ns, Recording
+from ...io.topics import StereoTopics
 
 _GRAIN_PAIRS = 6  # pairs from which the noise is estimated
 _JPEG_QUALITY = 98  # high, so that a second compression adds little noise
@@ -27,9 +28,9 @@ _JPEG_QUALITY = 98  # high, so that a second compression adds little noise
 def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Generator,
                 left: Optional[str] = None, right: Optional[str] = None) -> int:
     """
-    Write ``bag/``: a copy of a bag with disturbed images.
+    Write ``bag/``: a copy of a bag with disturbed images, or another calibration.
 
-    Stamps, calibrations and other topics are unchanged. Images are grey, as used for measuring:
+    Stamps and other topics are unchanged. Disturbed images are grey, as used for measuring:
     compressed ones are JPEG or PNG as before, raw ones mono8 or mono16. The folder appears when
     the bag is complete.
 
@@ -46,7 +47,7 @@ def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Ge
         raise InputError(source, 'bag', 'one of ROS 1',
                          'a rosbag2 bag (rosbags-convert makes one)')
     with StereoBag(source, left, right) as bag:
-        topics, count = bag.topics.images, bag.pair_count
+        topics, count = bag.topics, bag.pair_count
         first = list(islice(bag.pairs(), _GRAIN_PAIRS))
         grain = grain_grey([pair.left for pair in first]), grain_grey(
             [pair.right for pair in first])
@@ -56,8 +57,10 @@ def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Ge
     return count
 
 
-def _copy(source: Path, folder: Path, topics: tuple[str, ...], disturber: Disturber) -> None:
+def _copy(source: Path, folder: Path, topics: StereoTopics, disturber: Disturber) -> None:
     recording = Recording(source)
+    images = topics.images if disturber.what.changes_images else ()
+    infos = topics.infos if disturber.what.calibration else ()
     try:
         with Writer(folder, version=9, storage_plugin=_storage(source)) as writer:
             out = {c.id: writer.add_connection(
@@ -65,9 +68,14 @@ def _copy(source: Path, folder: Path, topics: tuple[str, ...], disturber: Distur
                 offered_qos_profiles=getattr(c.ext, 'offered_qos_profiles', ()))
                 for c in recording.connections}
             for connection, log_time_ns, data in recording.everything():
-                if connection.topic in topics:
+                if connection.topic in infos:
                     message = recording.store.deserialize_cdr(data, connection.msgtype)
-                    side = topics.index(connection.topic)
+                    data = bytes(recording.store.serialize_cdr(
+                        _recalibrated(message, infos.index(connection.topic), disturber),
+                        connection.msgtype))
+                if connection.topic in images:
+                    message = recording.store.deserialize_cdr(data, connection.msgtype)
+                    side = images.index(connection.topic)
                     data = bytes(recording.store.serialize_cdr(
                         _disturbed(message, header_stamp_ns(data, not data[1] & 1), side,
                                    f'{source}: {connection.topic}', disturber),
@@ -93,6 +101,15 @@ def _disturbed(message: Any, stamp_ns: int, side: int, where: str, disturber: Di
     pixels = np.ascontiguousarray(image.astype('<u2') if image.itemsize > 1 else image)
     return replace(message, encoding=mono, is_bigendian=0, step=pixels.strides[0],
                    data=pixels.view(np.uint8).ravel())
+
+
+def _recalibrated(message: Any, side: int, disturber: Disturber) -> Any:
+    """Return a ``CameraInfo`` message with the calibration of the copy."""
+    rig = disturber.calibrated
+    camera, rectified = (rig.left, rig.right)[side], rectification(rig)
+    k, r, p = (np.asarray(matrix, dtype=np.float64).ravel()
+               for matrix in (camera.K, rectified[side], rectified[2 + side]))
+    return replace(message, k=k, r=r, p=p)
 
 
 def _compressed(image: NDArray[Any], kind: str) -> NDArray[np.uint8]:

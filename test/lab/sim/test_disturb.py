@@ -13,8 +13,10 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 from stereo_speed.cli import main as cli
 from stereo_speed.core.errors import InputError
+from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.io.bags import StereoBag
 from stereo_speed.lab.sim import RigConfig, simulate, straight_config
+from stereo_speed.lab.sim.calibration_error import drawn_calibration
 from stereo_speed.lab.sim.disturb import Disturbance, Disturber, grain_grey
 from stereo_speed.lab.sim.disturb_bag import disturb_bag
 from stereo_speed.lab.sim.scene import make_rig
@@ -169,6 +171,28 @@ def test_bag_keeps_everything_but_its_images(recorded, tmp_path, storage):
             assert np.abs(turned.left.astype(float) - pair.left).mean() < 1.0
     suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
     assert len(list((tmp_path / 'one/bag').glob(f'*.{suffix}'))) == 1
+
+
+def test_other_calibration_is_the_only_change_of_a_bag(recorded, tmp_path):
+    source = recorded / 'mcap/bag'
+    for name, seed in (('one', 4), ('again', 4), ('two', 5)):
+        disturb_bag(source, tmp_path / name, Disturbance(calibration=True),
+                    np.random.default_rng(seed))
+    before, after, again = (_messages(bag) for bag in (
+        source, tmp_path / 'one/bag', tmp_path / 'again/bag'))
+    assert after == again and [m[:3] for m in after] == [m[:3] for m in before]
+    assert [one[0].rsplit('/', 1)[1] for one, two in zip(before, after) if one != two] == [
+        'camera_info'] * 6
+    with StereoBag(source) as bag, StereoBag(tmp_path / 'one/bag') as one, \
+            StereoBag(tmp_path / 'two/bag') as two:
+        focal = [b.rig.left.K[0, 0] / bag.rig.left.K[0, 0] - 1 for b in (one, two)]
+        baseline = [b.rig.baseline_m / bag.rig.baseline_m - 1 for b in (one, two)]
+        wanted = drawn_calibration(bag.rig, TrackerConfig(), np.random.default_rng(4).spawn(4)[3])
+        for camera, drawn in ((one.rig.left, wanted.left), (one.rig.right, wanted.right)):
+            np.testing.assert_allclose(camera.K, drawn.K)
+        np.testing.assert_allclose(one.rig.R, wanted.R, atol=1e-12)
+        np.testing.assert_allclose(one.rig.t, wanted.t, atol=1e-12)
+    assert len({0.0, *focal, *baseline}) == 5
 
 
 def test_topics_without_a_header_are_kept_with_their_qos(recorded, tmp_path):
