@@ -106,19 +106,6 @@ class _View:
         return float(np.linalg.norm(self.update.position_m))
 
 
-@dataclass(frozen=True)
-class Marked:
-    """
-    How a person marked a front.
-
-    :param std_px: 1-sigma of its corners, px.
-    :param tracked_share: share of its width that is tracked.
-    """
-
-    std_px: float
-    tracked_share: float = 1.0
-
-
 class VehicleSize:
     """
     Keeps some pairs that show one vehicle, and measures its size in them.
@@ -130,16 +117,17 @@ class VehicleSize:
     :param rig: the rig.
     :param lane: lane whose path the vehicle's positions refer to.
     :param config: sizes of the classes, and limits of the measurement.
-    :param marked: how a person marked the front; None for a detected front.
+    :param marked_std_px: 1-sigma of the corners of a front marked by a person, px; None for a
+        detected front.
     :param fronts: measures the width of a detected front; None uses the tracked width.
     :param search: where the top is searched.
     """
 
     def __init__(self, rig: StereoRig, lane: LanePath, config: ClassConfig,
-                 marked: Optional[Marked] = None, fronts: Optional[MeasuresWidth] = None,
+                 marked_std_px: Optional[float] = None, fronts: Optional[MeasuresWidth] = None,
                  search: HeightSearch = HeightSearch()) -> None:
         self.rig, self.lane, self.config = rig, lane, config
-        self.marked, self._fronts, self._search = marked, fronts, search
+        self._marked_std_px, self._fronts, self._search = marked_std_px, fronts, search
         self._views: list[_View] = []
         self._first_px = 0.0  # width of the front in the first pair of the track
         self.may_be_edge, self._looked_m, self._looks = False, math.inf, 0
@@ -155,7 +143,7 @@ class VehicleSize:
             self._views.append(view)
         if len(self._views) > self._search.most_views:
             self._views.remove(max(self._views, key=lambda v: v.range_m))
-        if self.marked is None:
+        if self._marked_std_px is None:
             self._look_for_edge(view.range_m)
 
     def _look_for_edge(self, range_m: float) -> None:
@@ -182,25 +170,24 @@ class VehicleSize:
 
     def _width_m(self) -> tuple[float, float]:
         """Return the width of the front and its 1-sigma, m."""
-        if self.marked is None and self._fronts is not None:
+        if self._marked_std_px is None and self._fronts is not None:
             measured = [self._fronts.widths_m(view.pair, view.update) for view in self._views]
             if len(widths := np.concatenate(measured)) > 1:
                 return float(np.median(widths)), self.config.width_std_m
         return self._tracked_width_m()
 
     def _tracked_width_m(self) -> tuple[float, float]:
-        """Return the width of the front that is tracked, or was marked, and its 1-sigma, m."""
+        """Return the width of the tracked front and its 1-sigma, m."""
         view = min(self._views, key=lambda v: v.range_m)
         update, rays = view.update, self.rig.as_taken(view.pair.motion).left.rays(
             view.update.quad_left_px)
         forward = update.axes[:, 0]
         corners = rays * ((update.position_m @ forward) / (rays @ forward))[:, None]
         width_m = float(np.ptp((corners - update.position_m) @ update.axes[:, 1]))
-        if self.marked is None:
+        if self._marked_std_px is None:
             return width_m, self.config.width_std_m
         # Each end is the mean of two corners, marked in the first pair.
-        return (width_m / self.marked.tracked_share,
-                self.marked.std_px * width_m / self._first_px)
+        return width_m, self._marked_std_px * width_m / self._first_px
 
     def _height_m(self, width_m: float) -> Optional[float]:
         """Return the height above the road up to which strips move with the vehicle, m."""

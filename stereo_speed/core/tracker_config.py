@@ -132,9 +132,6 @@ class StartConfig(CheckedRecord):
     any_speed_factor: float = parameter(
         2.5, 0.1, 20.0, '', 'largest speed of these particles, as a multiple of the expected '
         'speed')
-    edge_m: float = parameter(
-        0.05, 0.0, 0.3, 'm', 'width of the strip along each edge of an annotated front that is '
-        'not measured, as bodies are rounded there and corners are marked to a pixel at best')
     tall_width_m: float = parameter(
         TALL_WIDTH_M, 0.5, 10.0, 'm', 'an annotated front of at least this width is that of a '
         'lorry or bus, whose windscreen lies behind its bumper and mirrors its surroundings')

@@ -21,7 +21,7 @@ class ImageRing:
     def __init__(self, most_bytes: int, most_ns: int) -> None:
         self._most_bytes, self._most_ns = most_bytes, most_ns
         self._images: OrderedDict[tuple[int, str], SourceImage] = OrderedDict()
-        self._newest_ns: dict[str, int] = {}  # stamp of the last image of a side
+        self._last_ns: dict[str, int] = {}  # stamp of the last image of a side
         self.bytes = 0
 
     @classmethod
@@ -41,7 +41,7 @@ class ImageRing:
         :param image: the image as received.
         """
         key = stamp_ns, side
-        self._newest_ns[side] = stamp_ns
+        self._last_ns[side] = stamp_ns
         if key in self._images:  # sent twice
             self.bytes -= len(self._images.pop(key).data)
         self._images[key] = image
@@ -56,5 +56,11 @@ class ImageRing:
         return self._images.get((stamp_ns, side))
 
     def may_come(self, side: str, stamp_ns: int) -> bool:
-        """Return whether the image of a stamp is still on its way, if it has been sent at all."""
-        return self.get(side, stamp_ns) is None and self._newest_ns.get(side, -1) < stamp_ns
+        """
+        Return whether the image of a stamp may still be on its way.
+
+        It is not once a later one of its side has come, nor if time has jumped back since.
+        """
+        last_ns = self._last_ns.get(side)
+        return self.get(side, stamp_ns) is None and (
+            last_ns is None or last_ns < stamp_ns <= last_ns + self._most_ns)

@@ -40,6 +40,7 @@ from ..monocular.tracker import MonocularTracker, TRACKERS
 from ..report.targets import draw_targets
 
 _TOPIC = 'image_raw'
+_WAITING_FRAMES = 10  # a tracker that does not keep up loses frames rather than lag behind
 _MOST_MARKS = 50  # greatest number of marks that wait for their frames
 
 
@@ -90,7 +91,8 @@ class EnvironmentNode(Node):
         self.tracks = self.create_publisher(PointCloud2, 'tracks', RELIABLE, **options)
         self.markers = self.create_publisher(MarkerArray, 'markers', RELIABLE, **options)
         self.overlay = self.create_publisher(Image, 'overlay/image_raw', RELIABLE, **options)
-        self.subscription = OfferedSubscription(self, kind, _TOPIC + suffix, self.on_image)
+        self.subscription = OfferedSubscription(
+            self, kind, _TOPIC + suffix, self.on_image, depth=_WAITING_FRAMES)
         self.create_subscription(PolygonStamped, MARK_TOPIC, self.on_mark, RELIABLE, **options)
 
     def on_image(self, msg: Any) -> None:

@@ -15,7 +15,6 @@ from functools import partial
 import json
 from pathlib import Path
 import threading
-import time
 from typing import Any, Optional
 
 import rclpy
@@ -51,11 +50,13 @@ _MOST_VIOLATIONS = 20  # greatest number of unwritten violations, each with its 
 _MOST_RUNS = 8  # number of latest runs of the measuring program whose passes are accepted
 _POLL_S = 0.1
 _RETENTION_S = 3600.0
-_IMAGES_S = 5.0  # longest wait for images that come after their pass, as on a busy machine
+# Longest wait for images that are received after their pass, as on a busy machine.  It is counted
+# in looks, as nothing is received while the process stands still.
+_IMAGES_S = 5.0
 _STOP_S = 60.0  # longest time to write the last records when the node stops
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Undecided:
     """
     A pass to decide on.
@@ -63,13 +64,13 @@ class _Undecided:
     :param recorder: decides on it.
     :param name: its id.
     :param result: the pass with its trace.
-    :param until_s: steady time up to which it waits for its images, s.
+    :param looks: number of looks for its images that are left.
     """
 
     recorder: EvidenceRecorder
     name: str
     result: PassResult
-    until_s: float
+    looks: int
 
 
 class EvidenceNode(Node):
@@ -195,12 +196,12 @@ class EvidenceNode(Node):
             self._refuse('bad_message', error)
             return
         self._undecided.append(_Undecided(
-            recorder, name, result, time.monotonic() + _IMAGES_S))
+            recorder, name, result, round(_IMAGES_S / _POLL_S)))
 
     def _decide_ready(self) -> None:
         """Decide on each pass whose images have come, or have been waited for long enough."""
         for one in list(self._undecided):
-            if time.monotonic() > one.until_s or not one.recorder.awaits_images(one.result):
+            if one.looks <= 0 or not one.recorder.awaits_images(one.result):
                 self._undecided.remove(one)
                 self._decide(one.recorder, one.name, one.result)
 
@@ -245,6 +246,8 @@ class EvidenceNode(Node):
 
     def tell(self) -> None:
         """Decide on passes that have waited; publish the records written since, log errors."""
+        for one in self._undecided:
+            one.looks -= 1
         self._decide_ready()
         while self._done:
             stored, self.wrong = self._done.popleft()
@@ -275,7 +278,7 @@ class EvidenceNode(Node):
         self.get_logger().error(f'{what}: {why}', throttle_duration_sec=1.0)
 
     def close(self) -> None:
-        """Write the last records, because the node stops."""
+        """Write the last records, because the node stops; images not received yet are missing."""
         for one in self._undecided:
             self._decide(one.recorder, one.name, one.result)
         self._undecided.clear()
@@ -295,7 +298,8 @@ class EvidenceNode(Node):
         state.values.update(
             images_left=self.images['left'], images_right=self.images['right'],
             ring_images=len(self.ring), ring_mib=self.ring.bytes >> 20,
-            records=len(self.store.chain), to_write=len(self._work), **self.counts,
+            records=len(self.store.chain), undecided=len(self._undecided),
+            to_write=len(self._work), **self.counts,
             **{f'no_record_{reason}': count for reason, count in sorted(refused.items())})
         if self.wrong:
             state.find(ERROR, f'no records: {self.wrong}')

@@ -23,7 +23,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from .common import Parameters, qos_options, RELIABLE
 from ..core.errors import InputError
 
-_DEPTH = RELIABLE.depth  # several seconds of images, for a node that a busy machine stalls
+_DEPTH = RELIABLE.depth  # 2.5 s of images at 20 Hz, for a node that a busy machine holds up
 _CHECK_S = 0.2  # interval at which publishers are checked
 
 
@@ -52,17 +52,18 @@ class OfferedSubscription:
     :param kind: class of the messages.
     :param topic: name of the topic, usually relative.
     :param callback: called with each message.
+    :param depth: number of messages kept until the node takes them; then the oldest are lost.
     """
 
-    def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None]
-                 ) -> None:
+    def __init__(self, node: Node, kind: type, topic: str, callback: Callable[[Any], None],
+                 depth: int = _DEPTH) -> None:
         self.node, self.kind, self.topic, self.callback = node, kind, topic, callback
         self.resolved = node.resolve_topic_name(topic)
         self._former: Optional[Subscription] = None
-        self._known: deque[Any] = deque(maxlen=_DEPTH)  # messages that it has received since
+        self._known: deque[Any] = deque(maxlen=depth)  # messages that it has received since
         self.subscription: Subscription = node.create_subscription(
             kind, topic, self._take,
-            QoSProfile(depth=_DEPTH, reliability=_reliability(self._all_reliable())),
+            QoSProfile(depth=depth, reliability=_reliability(self._all_reliable())),
             qos_overriding_options=qos_options())
         self._check_timer: Optional[Timer] = None
         override = f'qos_overrides.{self.resolved}.subscription.reliability'

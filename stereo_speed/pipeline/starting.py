@@ -14,7 +14,7 @@ from .roster import Begun, Roster
 from .search import Search
 from .track import holds, may_be_at, start_of, Track, with_stamps
 from .turns import share_of
-from ..classification.size import Marked, VehicleSize
+from ..classification.size import VehicleSize
 from ..core.records import Array, InitialFront, RigMotion, StereoPair
 from ..core.trace import PassTrace, TraceBuilder
 from ..core.tracker_config import TrackerConfig
@@ -67,8 +67,8 @@ class Starter:
         """
         Return a track at a front that a person annotated in a pair.
 
-        Its edges, and the windscreen of a lorry or bus, are measured only where the views do not
-        agree on the rest.
+        Of a lorry or bus only the part below its windscreen is measured, or all of it where the
+        views do not agree on that part.
 
         :raises InputError: the views do not agree on a front there.
         """
@@ -76,10 +76,9 @@ class Starter:
         part = measured_part(TrackStart(
             rig=self.rig, lane=lane, config=self.config, front=front, pair=pair,
             track=self.next_track, rng=np.random.default_rng(self.seed)))
-        track = self._start(part, pair, lane, Marked(
-            front.std_px, _width_px(part) / _width_px(front)), pair)
+        track = self._start(part, pair, lane, None, pair)
         if isinstance(track, Refusal) and part is not front:
-            track = self._start(front, pair, lane, Marked(front.std_px), pair)
+            track = self._start(front, pair, lane, None, pair)
         if isinstance(track, Refusal):
             raise track.error()
         return track
@@ -136,14 +135,13 @@ class Starter:
             pair; None if the old track has published a reading or was fed too many pairs, or if
             the new one misses its vehicle in a pair.
         """
-        found = track.size.marked or track.detection
-        if not track.restart_pairs or found is None:
+        if not track.restart_pairs:
             return None
         start = track.trace.start
         pairs = [self.view_lag.recorrected(pair) for pair in track.restart_pairs]
         next_track, self.next_track = self.next_track, start.track
-        new = self._start(start.front, pairs[0], self.lanes[start.lane], found, pairs[-1],
-                          start.particles)
+        new = self._start(start.front, pairs[0], self.lanes[start.lane], track.detection,
+                          pairs[-1], start.particles)
         self.next_track = next_track
         if isinstance(new, Refusal):
             return None
@@ -156,20 +154,18 @@ class Starter:
         return new, newest
 
     def _start(self, front: InitialFront, pair: StereoPair, lane: LanePath,
-               found: Union[Detection, Marked], newest: StereoPair,
+               detection: Optional[Detection], newest: StereoPair,
                particles: Optional[int] = None) -> Union[Track, Refusal]:
         """
         Return a new track, or why none can start.
 
         :param pair: the pair of the front.
-        :param found: the detection of the front, or how a person annotated it.
+        :param detection: the detection of the front; None where a person annotated it.
         :param newest: the current pair.
         :param particles: number of particles; None for the share of one more track.
         """
         if particles is None:
             particles = share_of(self.config, len(self.roster.tracks) + 1)
-        marked = found if isinstance(found, Marked) else None
-        detection = found if isinstance(found, Detection) else None
         trace = PassTrace(
             self.next_track, self.seed, lane.name, front, particles,
             seen_mps=detection.speed_mps if detection is not None else None, pairs=(),
@@ -180,7 +176,8 @@ class Starter:
         self.next_track += 1
         config = with_stamps(self.config, trace)
         second = SecondOpinion(self.rig, lane, config) if config.second.enabled else None
-        size = VehicleSize(self.rig, lane, self.config.classes, marked,
+        size = VehicleSize(self.rig, lane, self.config.classes,
+                           front.std_px if detection is None else None,
                            FrontWidth(self.rig, lane))
         return Track(
             tracker, LaneAssigner(self.lanes, self.config.verdict), detection, newest.stamp_ns,
@@ -216,9 +213,3 @@ class Starter:
         """Return the centre (3,) of a front in a pair, left optical frame, m."""
         return self.rig.as_taken(pair.motion).triangulate(
             front.left_px.mean(axis=0), front.right_px.mean(axis=0))
-
-
-def _width_px(front: InitialFront) -> float:
-    """Return the width of a front in the left image, from the middle of one side to the other."""
-    top_left, top_right, bottom_right, bottom_left = front.left_px
-    return float(np.linalg.norm(top_right + bottom_right - top_left - bottom_left)) / 2

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from stereo_speed.classification.size import HeightSearch, Marked, VehicleSize
+from stereo_speed.classification.size import HeightSearch, VehicleSize
 from stereo_speed.core.passes import VehicleClass
 from stereo_speed.core.records import TrackState, TrackUpdate
 from stereo_speed.core.tracker_config import ClassConfig
@@ -129,18 +129,18 @@ def test_two_wheeler_is_no_part_of_a_wider_front():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('kind', 'share', 'marked', 'edge'), [
-    ('truck', 0.5, None, True), ('truck', 1.0, None, False), ('truck', 0.5, Marked(0.7), False),
+@pytest.mark.parametrize(('kind', 'share', 'marked_std_px', 'edge'), [
+    ('truck', 0.5, None, True), ('truck', 1.0, None, False), ('truck', 0.5, 0.7, False),
     ('car', 0.5, None, False), ('motorcycle', 1.0, None, False)])
-def test_narrow_front_of_something_high_is_an_edge(kind, share, marked, edge):
+def test_narrow_front_of_something_high_is_an_edge(kind, share, marked_std_px, edge):
     """It gives no readings until its height is known, and none then if it is an edge."""
     rig, lane, rows = drawn(kind)
-    size = VehicleSize(rig, lane, CONFIG, marked)
+    size = VehicleSize(rig, lane, CONFIG, marked_std_px)
     known = []
     for pair, update in rows:
         size.take(pair, in_part(update, rig, 0.0, share))
         known.append(size.may_be_edge)
-    narrow = marked is None and share * BODIES[kind].width_m < CONFIG.edge_width_m
+    narrow = marked_std_px is None and share * BODIES[kind].width_m < CONFIG.edge_width_m
     assert known[0] is narrow
     assert set(known[len(known) // 2:]) == {edge}
 
@@ -240,16 +240,5 @@ def test_strips_overlap_and_cover_the_range_of_heights():
 def test_width_of_a_marked_front_is_as_certain_as_its_corners():
     rig, lane, rows = drawn('car')
     px_per_m = np.ptp(rows[0][1].quad_left_px[:, 0]) / BODIES['car'].width_m
-    found = measured(rig, lane, rows, marked=Marked(0.7))
-    assert found.width_m == pytest.approx(BODIES['car'].width_m, rel=1e-3)
+    found = measured(rig, lane, rows, marked_std_px=0.7)
     assert found.width_std_m == pytest.approx(0.7 / px_per_m, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_width_of_a_marked_front_includes_the_edges_that_are_not_tracked():
-    rig, lane, rows = drawn('car')
-    parts = [(pair, in_part(update, rig, 0.1, 0.9)) for pair, update in rows]
-    whole, part = (measured(rig, lane, of, marked=Marked(0.7, share)) for of, share in (
-        (rows, 1.0), (parts, 0.8)))
-    assert part.width_m == pytest.approx(whole.width_m, rel=0.01)
-    assert part.width_std_m == pytest.approx(whole.width_std_m, rel=0.01)

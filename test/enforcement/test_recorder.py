@@ -362,7 +362,7 @@ def test_limit_is_in_the_unit_of_the_site(written):
 
 
 def test_an_image_may_come_until_a_later_one_of_its_side_has():
-    ring, image = ImageRing(1000, 10 ** 12), SourceImage('jpeg', bytes(1))
+    ring, image = ImageRing(1000, 100), SourceImage('jpeg', bytes(1))
     assert ring.may_come('left', 5)
     ring.add('left', 4, image)
     assert ring.may_come('left', 5) and not ring.may_come('left', 4)
@@ -370,3 +370,6 @@ def test_an_image_may_come_until_a_later_one_of_its_side_has():
     assert ring.may_come('left', 5) and not ring.may_come('right', 5)
     ring.add('left', 6, image)
     assert not ring.may_come('left', 5)
+    ring.add('left', 1000, image)
+    ring.add('left', 7, image)  # time has jumped back, so the images after 1000 have gone
+    assert ring.may_come('left', 8) and not ring.may_come('left', 1010)

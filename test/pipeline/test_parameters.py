@@ -466,7 +466,6 @@ CASES: dict[str, Case] = {
         'passing', 0.0, AT_ONCE | {'verdict.most_acceleration_mps2': 0.1}),
     'start.most_gap_px': Case('start', 0.1),
     'start.least_ncc': Case('start', 0.999),
-    'start.edge_m': Case('start', 0.2),
     'start.tall_width_m': Case('start', 1.0, {'start.tall_high_m': 0.7}),
     'start.tall_high_m': Case('start', 0.7, {'start.tall_width_m': 1.0}),
     'verdict.least_width_px': Case('passing', 100.0),

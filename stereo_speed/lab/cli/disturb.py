@@ -3,9 +3,8 @@
 """
 ``disturb``: copy a bag as if the rig had swayed, or a camera were displaced or out of focus.
 
-Or as if the rig had been calibrated again, with other errors within the tolerances.  It shows what
-would be measured of the same traffic from a pole in the wind.  DIR/bag is measured with the same
-site.  Cameras are rotated about their own centres, which is exact except at the border: new
+Or as if its calibration were further off.  It shows what would be measured of the same traffic from
+a pole in the wind.  DIR/bag is measured with the same site.  Cameras are rotated about their own centres, which is exact except at the border: new
 regions repeat the edge, over about f tan(angle), which is 3 px for 0.1 degrees at f = 1800 px.
 """
 from __future__ import annotations
@@ -13,10 +12,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ..sim.disturb import Disturbance
 from ...cli.options import number_in
+from ...geometry.rig import StereoRig
+from ...io.bags import StereoBag
 
 AXES = ('pan', 'tilt', 'roll')
 CAMERAS = ('left', 'right')
@@ -47,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--camera', choices=CAMERAS, default='right',
         help='camera that turns or is out of focus (default: right)')
     add('--calibration', action='store_true',
-        help='draw errors of focal length, baseline and angles between the cameras, within the '
-        'tolerances that speeds allow for')
+        help='add errors to the calibration of focal length, baseline and angles between the '
+        'cameras: normal ones with the default tolerances as 1-sigma')
     add('--seed', type=number_in(int, 0, 2 ** 63), default=0)
 
 
@@ -70,4 +72,18 @@ def run(args: argparse.Namespace) -> int:
     count = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
                         args.right)
     print(f'{args.out}: {count} pairs')
+    if args.calibration:
+        with StereoBag(args.bag, args.left, args.right) as bag, \
+                StereoBag(args.out / 'bag', args.left, args.right) as copy:
+            print(_errors(bag.rig, copy.rig))
     return 0
+
+
+def _errors(rig: StereoRig, calibrated: StereoRig) -> str:
+    """Return what a calibration of a rig has got wrong."""
+    focal = calibrated.left.K[0, 0] / rig.left.K[0, 0] - 1
+    baseline_mm = 1000 * (calibrated.baseline_m - rig.baseline_m)
+    turn_deg = np.degrees(cv2.Rodrigues(calibrated.R @ rig.R.T)[0].ravel())
+    tilt, pan, roll = turn_deg
+    return (f'calibration: focal length {100 * focal:+.3f} %, baseline {baseline_mm:+.2f} mm, pan '
+            f'{pan:+.4f}°, tilt {tilt:+.4f}°, roll {roll:+.4f}°')

@@ -21,7 +21,7 @@ _ACROSS = 15  # places across an image at which two views are compared
 def drawn_calibration(rig: StereoRig, tolerances: TrackerConfig, rng: np.random.Generator
                       ) -> StereoRig:
     """
-    Return a calibration of a rig with errors within the tolerances that speeds allow for.
+    Return a calibration of a rig with normal errors that have the tolerances as 1-sigma.
 
     Both focal lengths have the same relative error, as from one calibration, which makes the views
     agree at infinity: with converging cameras an error of the focal length also displaces one view

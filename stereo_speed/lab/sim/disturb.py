@@ -43,8 +43,8 @@ class Disturbance:
         between both signs, the same in both views.
     :param defocus_px: 1-sigma of the blur of one camera, px.
     :param camera: the camera that turns or is out of focus: 0 left, 1 right.
-    :param calibration: whether the calibration has errors, drawn within the tolerances that speeds
-        allow for.
+    :param calibration: whether errors are added to the calibration, see
+        :func:`drawn_calibration`; the 1-sigmas are the default tolerances.
     """
 
     sway_deg: float = 0.0

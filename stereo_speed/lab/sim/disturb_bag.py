@@ -68,18 +68,17 @@ def _copy(source: Path, folder: Path, topics: StereoTopics, disturber: Disturber
                 offered_qos_profiles=getattr(c.ext, 'offered_qos_profiles', ()))
                 for c in recording.connections}
             for connection, log_time_ns, data in recording.everything():
-                if connection.topic in infos:
+                if connection.topic in (*infos, *images):
                     message = recording.store.deserialize_cdr(data, connection.msgtype)
-                    data = bytes(recording.store.serialize_cdr(
-                        _recalibrated(message, infos.index(connection.topic), disturber),
-                        connection.msgtype))
-                if connection.topic in images:
-                    message = recording.store.deserialize_cdr(data, connection.msgtype)
-                    side = images.index(connection.topic)
-                    data = bytes(recording.store.serialize_cdr(
-                        _disturbed(message, header_stamp_ns(data, not data[1] & 1), side,
-                                   f'{source}: {connection.topic}', disturber),
-                        connection.msgtype))
+                    if connection.topic in infos:
+                        message = _recalibrated(
+                            message, infos.index(connection.topic), disturber)
+                    else:
+                        message = _disturbed(
+                            message, header_stamp_ns(data, not data[1] & 1),
+                            images.index(connection.topic), f'{source}: {connection.topic}',
+                            disturber)
+                    data = bytes(recording.store.serialize_cdr(message, connection.msgtype))
                 writer.write(out[connection.id], log_time_ns, data)
     finally:
         recording.close()
