@@ -3,9 +3,10 @@
 """
 ``disturb``: copy a bag as if the rig had swayed, or a camera were displaced or out of focus.
 
-Or as if its calibration were further off.  It shows what would be measured of the same traffic from
-a pole in the wind.  DIR/bag is measured with the same site.  Cameras are rotated about their own centres, which is exact except at the border: new
-regions repeat the edge, over about f tan(angle), which is 3 px for 0.1 degrees at f = 1800 px.
+Or as if its calibration were further off.  It shows what would be measured of the same traffic
+from a pole in the wind.  DIR/bag is measured with the same site.  Cameras are rotated about their
+own centres, which is exact except at the border: new regions repeat the edge, over about f
+tan(angle), which is 3 px for 0.1 degrees at f = 1800 px.
 """
 from __future__ import annotations
 
