@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 import time
-from typing import Any, Callable, Mapping, Optional
+from typing import Any, Callable, Iterable, Mapping, Optional
 
 from .decision import ambiguity, calibration_refusal, decide, limit_mps, NoRecord
 from .recompute import recompute
@@ -15,7 +15,7 @@ from .ring import ImageRing
 from .store import EvidenceStore, Stored, StoreError
 from ..core.errors import InputError
 from ..core.passes import PassResult
-from ..core.trace import PassTrace
+from ..core.trace import PassTrace, TracePair
 from ..io.topics import SIDES
 
 Clock = Callable[[], Optional[Mapping[str, Any]]]
@@ -52,7 +52,8 @@ class EvidenceRecorder:
     def awaits_images(self, result: PassResult) -> bool:
         """Return whether an image of a pass may still come, so that deciding should wait."""
         return result.trace is not None and any(
-            self.ring.may_come(side, ns) for side, ns in _image_stamps(result.trace))
+            self.ring.may_come(side, ns)
+            for pair in result.trace.pairs for side, ns in _image_stamps(pair))
 
     def decide(self, record_id: str, result: PassResult) -> Violation | NoRecord:
         """
@@ -145,15 +146,18 @@ class EvidenceRecorder:
 
     def _images(self, trace: PassTrace) -> Optional[list[Views]]:
         """Return the images of all pairs of a pass; None where one is no longer buffered."""
-        found = [self.ring.get(side, ns) for side, ns in _image_stamps(trace)]
-        whole = [image for image in found if image is not None]
-        return list(zip(whole[::2], whole[1::2])) if len(whole) == len(found) else None
+        out: list[Views] = []
+        for pair in trace.pairs:
+            left, right = (self.ring.get(side, ns) for side, ns in _image_stamps(pair))
+            if left is None or right is None:
+                return None
+            out.append((left, right))
+        return out
 
 
-def _image_stamps(trace: PassTrace) -> list[tuple[str, int]]:
-    """Return the sides and stamps of the images of a pass, left and right by turns."""
-    return [image for pair in trace.pairs
-            for image in zip(SIDES, (pair.stamp_ns, pair.right_image_ns))]
+def _image_stamps(pair: TracePair) -> Iterable[tuple[str, int]]:
+    """Return the sides of a pair, left and right, with the stamps of their images."""
+    return zip(SIDES, (pair.stamp_ns, pair.right_image_ns))
 
 
 def _repeated(images: list[Views]) -> bool:

@@ -30,6 +30,16 @@ def of_camera(angles_rad: Angles) -> Array:
     return np.asarray(Rotation.from_rotvec((tilt, pan, roll)).as_matrix().T)
 
 
+def angles_of(rotation: Array) -> Array:
+    """
+    Return the angles (3,) of a rotation as :func:`of_camera` takes them, rad.
+
+    :param rotation: (3, 3), takes points to the frame of a camera that has rotated.
+    """
+    tilt, pan, roll = Rotation.from_matrix(rotation.T).as_rotvec()
+    return np.array([pan, tilt, roll])
+
+
 @dataclass(frozen=True, eq=False)
 class StereoRig:
     """

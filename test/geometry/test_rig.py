@@ -9,7 +9,7 @@ import pytest
 from stereo_speed.core.errors import CalibrationError
 from stereo_speed.core.records import RigMotion
 from stereo_speed.geometry.camera import Camera
-from stereo_speed.geometry.rig import of_camera, StereoRig
+from stereo_speed.geometry.rig import angles_of, of_camera, StereoRig
 
 K = np.array([[1500.0, 0.0, 511.5], [0.0, 1500.0, 383.5], [0.0, 0.0, 1.0]])
 
@@ -131,3 +131,9 @@ def test_unmoved_rig_is_unchanged():
     """No motion, and a zero motion, cost nothing and change nothing."""
     rig = make_rig()
     assert rig.as_taken(None) is rig and rig.as_taken(RigMotion()) is rig
+
+
+@pytest.mark.parametrize('angles_rad', [
+    (0.0, 0.0, 0.0), (0.02, 0.0, 0.0), (0.0, -0.03, 0.0), (0.1, -0.2, 0.3)])
+def test_angles_of_a_rotation_are_those_it_was_made_of(angles_rad):
+    np.testing.assert_allclose(angles_of(of_camera(angles_rad)), angles_rad, atol=1e-12)

@@ -13,13 +13,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from ..sim.disturb import Disturbance
 from ...cli.options import number_in
-from ...geometry.rig import StereoRig
-from ...io.bags import StereoBag
+from ...geometry.rig import angles_of, StereoRig
 
 AXES = ('pan', 'tilt', 'roll')
 CAMERAS = ('left', 'right')
@@ -70,21 +68,18 @@ def run(args: argparse.Namespace) -> int:
         sway_deg=args.sway_deg, sway_hz=args.sway_hz, turn_deg=(pan, tilt, roll),
         turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px,
         camera=CAMERAS.index(args.camera), calibration=args.calibration)
-    count = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
-                        args.right)
-    print(f'{args.out}: {count} pairs')
+    done = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
+                       args.right)
+    print(f'{args.out}: {done.pairs} pairs')
     if args.calibration:
-        with StereoBag(args.bag, args.left, args.right) as bag, \
-                StereoBag(args.out / 'bag', args.left, args.right) as copy:
-            print(_errors(bag.rig, copy.rig))
+        print(_errors(done.rig, done.calibrated))
     return 0
 
 
 def _errors(rig: StereoRig, calibrated: StereoRig) -> str:
-    """Return what a calibration of a rig has got wrong."""
+    """Return what a calibration of a rig has got wrong, of the angles that of the right camera."""
     focal = calibrated.left.K[0, 0] / rig.left.K[0, 0] - 1
     baseline_mm = 1000 * (calibrated.baseline_m - rig.baseline_m)
-    turn_deg = np.degrees(cv2.Rodrigues(calibrated.R @ rig.R.T)[0].ravel())
-    tilt, pan, roll = turn_deg
+    pan, tilt, roll = np.degrees(angles_of(calibrated.R @ rig.R.T))
     return (f'calibration: focal length {100 * focal:+.3f} %, baseline {baseline_mm:+.2f} mm, pan '
             f'{pan:+.4f}°, tilt {tilt:+.4f}°, roll {roll:+.4f}°')

@@ -3,7 +3,7 @@
 """Copy a bag with the images of its stereo pair, or its calibration, disturbed."""
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, Optional
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from .disturb import Disturbance, Disturber, grain_grey
-from .write import aside, rectification
+from .write import aside, info_matrices
 from ...core.errors import InputError
+from ...geometry.rig import StereoRig
 from ...io.bags import StereoBag
 from ...io.images import grey_from_message
 from ...io.recording import header_stamp_ns, Recording
@@ -25,8 +26,23 @@ _GRAIN_PAIRS = 6  # pairs from which the noise is estimated
 _JPEG_QUALITY = 98  # high, so that a second compression adds little noise
 
 
+@dataclass(frozen=True, eq=False)
+class Disturbed:
+    """
+    What was written.
+
+    :param pairs: number of pairs.
+    :param rig: the rig by the calibration of the source.
+    :param calibrated: the rig by that of the copy.
+    """
+
+    pairs: int
+    rig: StereoRig
+    calibrated: StereoRig
+
+
 def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Generator,
-                left: Optional[str] = None, right: Optional[str] = None) -> int:
+                left: Optional[str] = None, right: Optional[str] = None) -> Disturbed:
     """
     Write ``bag/``: a copy of a bag with disturbed images, or another calibration.
 
@@ -40,7 +56,7 @@ def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Ge
     :param rng: source of randomness.
     :param left: left image topic; None finds it.
     :param right: right image topic; None finds it.
-    :return: number of pairs.
+    :return: what was written.
     :raises InputError: an unusable bag, no disturbance, or a folder that is not empty.
     """
     if source.suffix == '.bag':
@@ -54,13 +70,14 @@ def disturb_bag(source: Path, folder: Path, what: Disturbance, rng: np.random.Ge
         disturber = Disturber(what, bag.rig, bag.stamps_ns, grain, rng)
     with aside(folder) as work:
         _copy(source, work / 'bag', topics, disturber)
-    return count
+    return Disturbed(count, disturber.rig, disturber.calibrated)
 
 
 def _copy(source: Path, folder: Path, topics: StereoTopics, disturber: Disturber) -> None:
     recording = Recording(source)
     images = topics.images if disturber.what.changes_images else ()
     infos = topics.infos if disturber.what.calibration else ()
+    matrices = info_matrices(disturber.calibrated)
     try:
         with Writer(folder, version=9, storage_plugin=_storage(source)) as writer:
             out = {c.id: writer.add_connection(
@@ -69,10 +86,9 @@ def _copy(source: Path, folder: Path, topics: StereoTopics, disturber: Disturber
                 for c in recording.connections}
             for connection, log_time_ns, data in recording.everything():
                 if connection.topic in (*infos, *images):
-                    message = recording.store.deserialize_cdr(data, connection.msgtype)
+                    message: Any = recording.store.deserialize_cdr(data, connection.msgtype)
                     if connection.topic in infos:
-                        message = _recalibrated(
-                            message, infos.index(connection.topic), disturber)
+                        message = replace(message, **matrices[infos.index(connection.topic)])
                     else:
                         message = _disturbed(
                             message, header_stamp_ns(data, not data[1] & 1),
@@ -100,15 +116,6 @@ def _disturbed(message: Any, stamp_ns: int, side: int, where: str, disturber: Di
     pixels = np.ascontiguousarray(image.astype('<u2') if image.itemsize > 1 else image)
     return replace(message, encoding=mono, is_bigendian=0, step=pixels.strides[0],
                    data=pixels.view(np.uint8).ravel())
-
-
-def _recalibrated(message: Any, side: int, disturber: Disturber) -> Any:
-    """Return a ``CameraInfo`` message with the calibration of the copy."""
-    rig = disturber.calibrated
-    camera, rectified = (rig.left, rig.right)[side], rectification(rig)
-    k, r, p = (np.asarray(matrix, dtype=np.float64).ravel()
-               for matrix in (camera.K, rectified[side], rectified[2 + side]))
-    return replace(message, k=k, r=r, p=p)
 
 
 def _compressed(image: NDArray[Any], kind: str) -> NDArray[np.uint8]:

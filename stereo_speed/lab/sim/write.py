@@ -55,6 +55,16 @@ def rectification(rig: StereoRig) -> tuple[Array, Array, Array, Array]:
     return r1, r2, p1, p2
 
 
+def info_matrices(rig: StereoRig) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return d, k, r and p, flat, of the ``CameraInfo`` of the left and of the right camera."""
+    r1, r2, p1, p2 = rectification(rig)
+    left, right = (
+        {key: np.array(value, dtype=np.float64).ravel()
+         for key, value in (('d', camera.D), ('k', camera.K), ('r', r), ('p', p))}
+        for camera, r, p in ((rig.left, r1, p1), (rig.right, r2, p2)))
+    return left, right
+
+
 def write_bag(sequence: SimSequence, folder: Union[str, Path], storage: str = 'mcap',
               encoding: str = 'mono8', compressed: bool = False,
               jpeg_quality: int = 95) -> Path:
@@ -177,18 +187,19 @@ class _Messages:
     def __init__(self, rig: StereoRig, types: Any, ros1: bool, encoding: str,
                  quality: int) -> None:
         self.rig, self.types, self.ros1 = rig, types, ros1
+        self.matrices = info_matrices(rig)
         self.encoding, self.quality = encoding, quality
 
     def in_order(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, str, bool, Any]]:
         """Yield stamp (ns), side, whether it is an image, and the message."""
-        rig = self.rig
-        r1, r2, p1, p2 = rectification(rig)
+        cameras, (left, right) = self.rig, self.matrices
         for pair in pairs:
-            sides = [(pair.stamp_ns, 'left', pair.left, rig.left, r1, p1),
-                     (pair.right_stamp_ns, 'right', pair.right, rig.right, r2, p2)]
-            for stamp_ns, side, image, camera, r, p in sorted(sides, key=lambda item: item[0]):
+            sides = [(pair.stamp_ns, 'left', pair.left, cameras.left, left),
+                     (pair.right_stamp_ns, 'right', pair.right, cameras.right, right)]
+            for stamp_ns, side, image, camera, matrices in sorted(
+                    sides, key=lambda item: item[0]):
                 header = self._header(stamp_ns, f'stereo_{side}_optical_frame')
-                yield stamp_ns, side, False, self._info(header, camera, r, p)
+                yield stamp_ns, side, False, self._info(header, camera, matrices)
                 yield stamp_ns, side, True, self._image(header, image)
 
     def _header(self, stamp_ns: int, frame_id: str) -> Any:
@@ -197,15 +208,13 @@ class _Messages:
         more = {'seq': 0} if self.ros1 else {}
         return self.types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame_id, **more)
 
-    def _info(self, header: Any, camera: Camera, r: Array, p: Array) -> Any:
-        matrices = {'d': camera.D, 'k': camera.K, 'r': r, 'p': p}
+    def _info(self, header: Any, camera: Camera, matrices: Mapping[str, Array]) -> Any:
         roi = self.types['sensor_msgs/msg/RegionOfInterest'](
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         return self.types[_INFO](
             header=header, height=camera.height_px, width=camera.width_px,
             distortion_model=camera.model, binning_x=0, binning_y=0, roi=roi,
-            **{key.upper() if self.ros1 else key: np.array(value, dtype=np.float64).ravel()
-               for key, value in matrices.items()})
+            **{key.upper() if self.ros1 else key: value for key, value in matrices.items()})
 
     def _image(self, header: Any, image: NDArray[np.uint8]) -> Any:
         if not self.encoding:

@@ -3,6 +3,8 @@
 """Recordings transformed as if the rig swayed, or a camera were displaced or out of focus."""
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -151,7 +153,7 @@ def test_bag_keeps_everything_but_its_images(recorded, tmp_path, storage):
     what = Disturbance(turn_deg=(0.0, 0.0, 1.0))
     source = recorded / storage / 'bag'
     for name in ('one', 'two'):
-        assert disturb_bag(source, tmp_path / name, what, np.random.default_rng(4)) == 3
+        assert disturb_bag(source, tmp_path / name, what, np.random.default_rng(4)).pairs == 3
     before, after, again = (_messages(bag) for bag in (
         source, tmp_path / 'one/bag', tmp_path / 'two/bag'))
     assert after == again
@@ -193,6 +195,19 @@ def test_other_calibration_is_the_only_change_of_a_bag(recorded, tmp_path):
         np.testing.assert_allclose(one.rig.R, wanted.R, atol=1e-12)
         np.testing.assert_allclose(one.rig.t, wanted.t, atol=1e-12)
     assert len({0.0, *focal, *baseline}) == 5
+
+
+def test_printed_errors_are_those_of_the_calibration(recorded, tmp_path, capsys):
+    source = recorded / 'mcap/bag'
+    assert cli.main(['disturb', str(source), '--out', str(tmp_path / 'out'), '--calibration']) == 0
+    focal, baseline_mm, *angles_deg = map(
+        float, re.findall(r'[-+]\d+\.\d+', capsys.readouterr().out.splitlines()[-1]))
+    with StereoBag(source) as bag, StereoBag(tmp_path / 'out/bag') as copy:
+        true, told = bag.rig, copy.rig
+    assert told.right.K[0, 0] / true.right.K[0, 0] == pytest.approx(1 + focal / 100, abs=1e-5)
+    assert 1000 * (told.baseline_m - true.baseline_m) == pytest.approx(baseline_mm, abs=0.01)
+    np.testing.assert_allclose(true.drifted(np.radians(angles_deg)).R, told.R, atol=2e-6)
+    assert np.abs(true.R - told.R).max() > 5e-6
 
 
 def test_topics_without_a_header_are_kept_with_their_qos(recorded, tmp_path):
