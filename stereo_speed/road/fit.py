@@ -29,7 +29,8 @@ from .evidence import best_of, either, with_rivals
 from .families import explored, MOST
 from .first_guess import guess_road, Hints, NoRoadError
 from .fitted import RoadFit
-from .problem import DriftPrior, Picks, REACH, RoadPrior, RoadProblem
+from .line_kernels import REACH
+from .problem import DriftPrior, Picks, RoadPrior, RoadProblem
 from .solving import reshaped, same_family, solve
 from .wander_search import asked_of, loosened
 from ..core.records import Array

@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from .line_kernels import REACH
 from .model import RoadShape, Weights
-from .problem import Feet, pixels, REACH, RoadPrior, RoadProblem
+from .problem import Feet, pixels, RoadPrior, RoadProblem
 from ..core.records import Array
 from ..estimation.robust import robust_std
 from ..geometry.ray_plane import Plane

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from .reference_kernel import along
 from .run_off import changes
 from ..core.records import Array
 
@@ -238,29 +239,18 @@ class RoadModel:
 
         :param x: (..., size) parameters.
         """
-        psi, climb, roll = (self._integral(x[..., part]) for part in (
+        many = x.reshape(-1, x.shape[-1])
+        psi, climb, roll = (self._integral(many[:, part]) for part in (
             self.places.curvature, self.places.vertical, self.places.twist))
-        tilt = self.tilt(x)
-        theta = tilt[..., :1] + climb + self._vertical_curve(x[..., self.places.vertical_curve])
-        phi = tilt[..., 1:] + roll
-        turned = changes(x[..., self.places.run_off], self._between, self.half_length_m)
-        psi, theta, phi = psi + turned[0], theta + turned[1], phi + turned[2]
-        cp, sp, ct, st = np.cos(psi), np.sin(psi), np.cos(theta), np.sin(theta)
-        cf, sf = np.cos(phi), np.sin(phi)
-        tangent = np.stack([cp * ct, sp * ct, st], axis=-1)
-        left = np.stack([-sp * cf - cp * st * sf, cp * cf - sp * st * sf, ct * sf], axis=-1)
-        axes = self.frame @ rotation(x[..., :3])
-        step = self.s_m[1] - self.s_m[0]
-        simpson = step / 6 * (tangent[..., :-2:2, :] + 4 * tangent[..., 1::2, :]
-                              + tangent[..., 2::2, :])
-        way = np.concatenate(
-            [np.zeros_like(tangent[..., :1, :]), np.cumsum(simpson, axis=-2)], axis=-2)
-        way = way - way[..., NODES // 2:NODES // 2 + 1, :]
-        tangent, left = tangent[..., ::2, :], left[..., ::2, :]
-        local = np.stack([tangent, left, np.cross(tangent, left)], axis=-1)
-        origin = self.centre_m + x[..., 3:4] * self.frame[:, 2]
-        points = origin[..., None, :] + way @ np.swapaxes(axes, -1, -2)
-        return points, axes[..., None, :, :] @ local
+        tilt = self.tilt(many)
+        theta = tilt[:, :1] + climb + self._vertical_curve(many[:, self.places.vertical_curve])
+        phi = tilt[:, 1:] + roll
+        turned = changes(many[:, self.places.run_off], self._between, self.half_length_m)
+        axes = self.frame @ rotation(many[:, :3])
+        origin_m = self.centre_m + many[:, 3:4] * self.frame[:, 2]
+        points, frames = along(psi + turned[0], theta + turned[1], phi + turned[2], axes, origin_m,
+                               self.s_m[1] - self.s_m[0])
+        return points.reshape(x.shape[:-1] + (-1, 3)), frames.reshape(x.shape[:-1] + (-1, 3, 3))
 
 
 class RoadPlaces(NamedTuple):

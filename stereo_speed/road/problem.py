@@ -9,7 +9,8 @@ from typing import Mapping, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import drift_matrix, RoadModel, RoadShape, Weights
+from .line_kernels import feet_on_lines, Lines, NEAREST_M, pixels_of_lines, Views
+from .model import drift_matrix, RoadModel, RoadShape
 from .run_off import prior_std
 from .wander import MayWander, Wander
 from ..core.config import CheckedRecord, parameter
@@ -18,14 +19,9 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 _DRIFT_STEP_RAD = 1e-6  # step for finite differences, which moves the picks by about 1e-3 px
-_NEAREST_M = 0.1  # least depth of a visible point
-_STEP_M = 0.01  # step along a line for its direction in the image
-_LOST_PX = 1e3  # residual of a pick whose line is behind the camera; its derivative is 0
-_ASTRAY_PX = 60.0  # cap of the distance by which a pick is assigned to a part of its line
 _LEAST_TAPER_M = 1e-6  # 1-sigma that stands for exactly parallel lines
 _WANDERS = (1 / 3, 1.0, 3.0)  # 1-sigmas of wandering that are tried, as multiples of wander_std_m
 _ALIKE = 0.5  # weight of the prior of how far lines wander, in lines already seen on this road
-REACH = 1.3  # distance from the middle, in half lengths, up to which feet are searched
 
 
 @dataclass(frozen=True)
@@ -169,7 +165,7 @@ class Feet:
 def pixels(camera: Camera, points_m: Array) -> Array:
     """Return raw pixels of points (..., 3) in the camera's frame; NaN behind the camera."""
     z = points_m[..., 2:]
-    return camera.distort(points_m[..., :2] / np.where(z > _NEAREST_M, z, np.nan))
+    return camera.distort(points_m[..., :2] / np.where(z > NEAREST_M, z, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,25 +185,6 @@ class DriftPrior:
     def loose(cls, std_rad: float) -> DriftPrior:
         """Return a prior about no drift, with the same 1-sigma for each angle."""
         return cls(np.zeros(3), np.eye(3) / std_rad)
-
-
-def in_order(cost: Array) -> NDArray[np.intp]:
-    """
-    Return the non-decreasing column (g, n) of each row whose total cost is least.
-
-    :param cost: (g, n, m) cost of each column for each row, in each group.
-    """
-    groups, columns = np.arange(len(cost)), np.arange(cost.shape[2])
-    total, came = cost[:, 0], []
-    for row in range(1, cost.shape[1]):
-        least = np.minimum.accumulate(total, axis=1)
-        # For each column, the last one up to it at which the running minimum was reached.
-        came.append(np.maximum.accumulate(np.where(total == least, columns, 0), axis=1))
-        total = least + cost[:, row]
-    out = [np.argmin(total, axis=1)]
-    for back in reversed(came):
-        out.append(back[groups, out[-1]])
-    return np.stack(out[::-1], axis=1).astype(np.intp)
 
 
 class RoadProblem:
@@ -231,6 +208,7 @@ class RoadProblem:
         self.drift, self.prior, self.wander = drift, prior, wander
         self.steps = model.steps if drift is None else np.append(
             model.steps, np.full(3, _DRIFT_STEP_RAD))
+        self._calibrated = Views.of(rig)
         self._last: Optional[tuple[Array, Feet]] = None
         self._known: Optional[tuple[Array, tuple[Array, Array]]] = None
 
@@ -256,69 +234,40 @@ class RoadProblem:
         right = self.rig.to_right(points_m)
         return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
-    def at(self, x: Array, s_m: Array) -> Array:
-        """Return the pixels (..., n, 2) of each pick's line at the arc length (n,) of the pick."""
+    def _lines(self, x: Array) -> Lines:
+        """Return the lines of roads (..., size), stacked, in the form that the kernels take."""
+        model, many = self.model, x.reshape(-1, x.shape[-1])
         points, frames = self._reference(x)
-        return self._seen(x, (points, frames[..., 1]), s_m)
+        offset = model.offsets(many)
+        taper = many[:, model.places.tapers] / model.half_length_m
+        return Lines(points.reshape(len(many), -1, 3),
+                     np.ascontiguousarray(frames[..., 1]).reshape(len(many), -1, 3),
+                     float(model.s_m[0]), float(model.s_m[1] - model.s_m[0]),
+                     np.ascontiguousarray(offset),
+                     np.ascontiguousarray(taper) if model.tapered else np.zeros_like(offset))
 
-    def _seen(self, x: Array, reference: tuple[Array, Array], s_m: Array) -> Array:
-        """Return the pixels of a point on each pick's line, in the view of the pick."""
-        weights = Weights.at(self.model.s_m, s_m)
-        points, left = (weights(values) for values in reference)
-        points = points + self.model.offsets_at(x, self.picks.line, s_m)[..., None] * left
-        uv_px, right = np.empty(points.shape[:-1] + (2,)), self.picks.right
-        uv_px[..., ~right, :] = pixels(self.rig.left, points[..., ~right, :])
-        uv_px[..., right, :] = pixels(
-            self.rig.right, self.to_right(x, points[..., right, :]))
-        return uv_px
+    def _views(self, x: Array) -> Views:
+        """Return both cameras for roads (..., size), stacked, with the drift applied."""
+        if self.drift is None:
+            return self._calibrated if x.ndim == 1 else self._calibrated.drifted(
+                np.broadcast_to(np.eye(3), (len(x), 3, 3)))
+        return self._calibrated.drifted(drift_matrix(np.atleast_2d(self.drift_rad(x))))
+
+    def at(self, x: Array, s_m: Array) -> Array:
+        """Return the pixels (k, n, 2) of each pick's line at the arc length (n,) of the pick."""
+        picks, views = self.picks, self._views(x)
+        return np.asarray(views.chosen(pixels_of_lines)(
+            picks.line, picks.right, s_m, *self._lines(x), *views))
 
     def feet(self, x: Array) -> Feet:
         """Return the foot of each pick on its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        points, frames = self._reference(x)
-        reference = points, frames[..., 1]
-        nodes, h = self.model.s_m, _STEP_M
-        s, reach = nodes[self._nearest_nodes(x, reference)], 3 * (nodes[1] - nodes[0])
-        for _ in range(3):
-            here, after = (self._seen(x, reference, s + d)
-                           for d in (-h, h))
-            tangent, off = (after - here) / (2 * h), self.picks.uv_px - (here + after) / 2
-            step = np.sum(off * tangent, -1) / np.sum(tangent * tangent, -1)
-            s = np.clip(s + np.nan_to_num(np.clip(step, -reach, reach)),
-                        REACH * nodes[0], REACH * nodes[-1])
-        length = np.linalg.norm(tangent, axis=-1, keepdims=True)
-        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1) / length
-        off = self.picks.uv_px - self._seen(x, reference, s)
-        residual = np.sum(normal * off, axis=-1)
-        lost = ~np.isfinite(residual)
-        feet = Feet(s, np.where(lost[:, None], 0.0, normal), np.where(lost, _LOST_PX, residual))
+        picks, views = self.picks, self._views(x)
+        feet = Feet(*views.chosen(feet_on_lines)(
+            picks.line, picks.right, picks.uv_px, *self._lines(x), *views))
         self._last = x.copy(), feet
         return feet
-
-    def _nearest_nodes(self, x: Array, reference: tuple[Array, Array]) -> NDArray[np.intp]:
-        """
-        Return the node (n,) whose projection is nearest to each pick.
-
-        The picks of a line are in order. If a hairpin or a crest brings the line back near itself
-        in the image, the order determines which part of it a pick belongs to.
-        """
-        nodes, lines = self.model.s_m, []
-        for i in range(self.model.lines):
-            offset = self.model.offsets_at(x, np.full(len(nodes), i), nodes)
-            lines.append(reference[0] + offset[:, None] * reference[1])
-        stack = np.array(lines)
-        views = (pixels(self.rig.left, stack), pixels(self.rig.right, self.to_right(x, stack)))
-        groups = [(i, right, np.flatnonzero(self.picks.of_line(i, right)))
-                  for i in range(self.model.lines) for right in (False, True)]
-        square = np.zeros((len(groups), max(len(mine) for _, _, mine in groups), len(nodes)))
-        for group, (i, right, mine) in zip(square, groups):
-            gap = self.picks.uv_px[mine, None] - views[int(right)][i]
-            group[:len(mine)] = np.fmin(np.sum(gap * gap, axis=-1), _ASTRAY_PX**2)
-        nearest = np.zeros(len(self.picks.line), dtype=np.intp)
-        for (_, _, mine), columns in zip(groups, in_order(square)):
-            nearest[mine] = columns[:len(mine)]
-        return nearest
 
     @property
     def prior_std(self) -> Array:

@@ -9,8 +9,9 @@ from itertools import product
 import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError
+from stereo_speed.road.line_kernels import in_order
 from stereo_speed.road.model import RoadModel, RoadShape
-from stereo_speed.road.problem import DriftPrior, in_order, Picks, RoadPrior, RoadProblem
+from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
 
 FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 MODEL = RoadModel(FRAME, np.array([0, 3.0, 40]), 25.0, 2)
