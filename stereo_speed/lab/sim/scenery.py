@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import Optional
+from typing import Optional, Sequence
 
 import cv2
 import numpy as np
@@ -176,28 +176,30 @@ def marking_coverage(ground: GroundMap, road: Road, worn: Optional[list[Image]] 
         total[where] = np.maximum(total[where], share)
     if worn is not None:
         level = float(np.quantile(worn[0], c.wear))
-        total *= np.clip((_sample_ground(worn, ground) - level) / WORN_EDGE + 0.5, 0.0, 1.0)
+        total *= np.clip((_sample_ground([worn], ground)[0] - level) / WORN_EDGE + 0.5, 0.0, 1.0)
     return total
 
 
-def _sample_ground(noise: list[Image], ground: GroundMap) -> Array:
-    """Sample a tiled texture by mipmaps, at about the pixel's footprint."""
+def _sample_ground(textures: Sequence[list[Image]], ground: GroundMap) -> list[Array]:
+    """Sample tiled textures of one size by mipmaps, at about the pixel's footprint."""
     footprint = np.sqrt(np.maximum(
         np.hypot(ground.station_x, ground.offset_x)
         * np.hypot(ground.station_y, ground.offset_y), 1e-9)) / TILE_TEXEL_M
     level = np.clip(np.log2(np.maximum(footprint, 1.0)), 0.0, LEVELS)
-    out = np.zeros(level.shape, np.float32)
-    for i, image in enumerate(noise):
+    out = [np.zeros(level.shape, np.float32) for _ in textures]
+    for i, images in enumerate(zip(*textures)):
         weight = np.maximum(1.0 - np.abs(level - i), 0.0).astype(np.float32)
         rows = np.nonzero(weight.any(axis=1))[0]
         if not rows.size:
             continue
         band = slice(rows[0], rows[-1] + 1)
-        size = image.shape[0]
-        x, y = (np.mod(ground.xy[band, :, k] / (TILE_TEXEL_M * 2 ** i) - 0.5, size)
-                .astype(np.float32) for k in (0, 1))
-        out[band] += weight[band] * cv2.remap(
-            image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        size = images[0].shape[0]
+        texel = ground.xy[band] / (TILE_TEXEL_M * 2 ** i) - 0.5
+        texel -= size * np.floor(texel / size)  # np.mod, which is slow
+        x, y = (texel[..., k].astype(np.float32) for k in (0, 1))
+        for image, total in zip(images, out):
+            total[band] += weight[band] * cv2.remap(
+                image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return out
 
 
@@ -256,8 +258,9 @@ def render_background(scene: SimScene, views: tuple[View, View],
     for view in views:
         ground = GroundMap(scene, view)
         on_road = _asphalt_coverage(ground, scene.road)
-        grey = GREY['grass'] + 11.0 * _sample_ground(grass, ground)
-        tar = GREY['asphalt'] + 6.0 * _sample_ground(asphalt, ground)
+        rough, coarse = _sample_ground([asphalt, grass], ground)
+        grey = GREY['grass'] + 11.0 * coarse
+        tar = GREY['asphalt'] + 6.0 * rough
         tar *= 1 - WET_ASPHALT * light.wet
         grey += on_road * (tar - grey)
         paint = marking_coverage(ground, scene.road, worn) * (1 - WET_MARKING * light.wet)
