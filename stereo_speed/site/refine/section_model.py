@@ -120,14 +120,14 @@ def fit_sections(shape: Shape, across_m: Array, grey: Array, px_per_m: Array, st
         if step == 0:
             a = basis
         ridge = _ridge(shape, a.shape[-1], level, noise_grey)
-        normal = np.einsum('nki,nk,nkj->nij', a, weight, a) + ridge
-        right = np.einsum('nki,nk,nk->ni', a, weight, values)
-        solution = np.linalg.solve(normal, right[..., None])[..., 0]
+        weighted = np.swapaxes(a * weight[..., None], -1, -2)
+        normal = weighted @ a + ridge
+        solution = np.linalg.solve(normal, weighted @ values[..., None])[..., 0]
         level = solution[:, basis.shape[-1] - 1]
         if step:
             move = np.clip(solution[:, -1], -0.5 * reach, 0.5 * reach)
             at = np.clip(at + np.nan_to_num(move), start_m - reach, start_m + reach)
-    fitted = np.einsum('nki,ni->nk', basis, solution[:, :basis.shape[-1]])
+    fitted = (basis @ solution[:, :basis.shape[-1], None])[..., 0]
     count = weight.sum(axis=-1)
     rms = np.sqrt(np.sum(weight * (values - fitted)**2, axis=-1) / np.maximum(count - _LEVELS, 1))
     std = np.sqrt(np.maximum(np.linalg.inv(normal)[:, -1, -1], 0)) * np.maximum(rms, _LEAST_RMS)
