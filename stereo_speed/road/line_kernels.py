@@ -51,7 +51,8 @@ class Lines(NamedTuple):
     @property
     def nodes_m(self) -> Array:
         """Return the arc lengths of the nodes, m."""
-        return self.first_m + self.step_m * np.arange(self.points_m.shape[1])
+        return np.asarray(self.first_m + self.step_m * np.arange(self.points_m.shape[1]),
+                          dtype=np.float64)
 
 
 class Views(NamedTuple):

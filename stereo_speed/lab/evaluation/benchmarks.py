@@ -28,10 +28,14 @@ from ...core.tracker_config import TrackerConfig
 from ...detection import patch_kernels
 from ...estimation.particle_filter import weigh
 from ...estimation.weights import mean_and_covariance
+from ...geometry.camera import Camera
 from ...geometry.rig import StereoRig
 from ...io.images import grey_from_message
 from ...pipeline.assembly import make_pipeline, MeasuringSite
 from ...pipeline.config import PipelineConfig
+from ...road import line_kernels, reference_kernel
+from ...road.line_kernels import Lines, Views
+from ...road.model import RoadModel, RoadShape
 from ...tracking import observation_kernels, photometric_terms
 from ...tracking.likelihood import Reference, score
 from ...vision.haar import CELLS, PartGrid
@@ -41,6 +45,7 @@ PARTICLES, VEHICLES, SCALES = (100, 200, 400, 800), (1, 2, 4, 8), (0.5, 1.0, 1.2
 FOLLOWERS = ('MIL', 'CSRT')  # of OpenCV; CSRT is one of its contributed modules
 _FRONT_PX = (150, 90)
 _OBSERVATIONS, _GRID = 24, (16, 40)  # as for a live reading
+_PICKS = 40  # of a line in one view, in the fit of a road
 _PAIRS = 10  # pairs of a pass from which the cost of a pair is taken
 _REPEATED = 5  # calls of a kernel that are timed together
 _STEPS = 50  # steps of a filter without images that are timed together
@@ -265,7 +270,7 @@ def _times(job: Job, count: int) -> Job:
 
 
 def _arguments() -> dict[str, tuple[Any, ...]]:
-    """Return the arguments of each kernel for a live reading, by name."""
+    """Return the arguments of kernels for a live reading and the fit of a road, by name."""
     rng, n, samples = np.random.default_rng(1), _OBSERVATIONS, _GRID[0] * _GRID[1]
     texture = rng.standard_normal(samples)
     patches = texture + 0.2 * rng.standard_normal((n, 2, samples))
@@ -293,7 +298,46 @@ def _arguments() -> dict[str, tuple[Any, ...]]:
         f'{found}.shifted': (wide[:, :9].copy(), wide[:, 9:].copy(), np.full(3, 14), mask, 4),
         f'{found}.mirrored': (np.ascontiguousarray(wide), 85),
         f'{found}.edges': (window, window + 1),
+        **_road_arguments(),
     }
+
+
+def _road_arguments() -> dict[str, tuple[Any, ...]]:
+    """Return the arguments of the kernels of a road's fit: a bend with three lines, by name."""
+    frame = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])  # straight towards the camera
+    model = RoadModel(frame, np.array([0, 4.0, 40.0]), 30.0, 3, RoadShape(2, 2, 1))
+    steps = 1e-6 * np.eye(model.size, dtype=np.float64)
+    roads = np.vstack([np.zeros(model.size), steps, -steps])
+    roads[:, model.places.offsets] += -2.0, 1.5, 5.0
+    roads[:, model.places.curvature.start] += 0.3
+    points, frames = model.reference(roads)
+    nodes, views = model.s_m, Views.of(_rig())
+    lines = Lines(points, np.ascontiguousarray(frames[..., 1]), nodes[0], nodes[1] - nodes[0],
+                  roads[:, model.places.offsets].copy(), np.zeros((len(roads), 3)))
+    one = lines._replace(points_m=points[:1], left=lines.left[:1], offset_m=lines.offset_m[:1],
+                         taper=lines.taper[:1])
+    line = np.repeat(np.arange(3), 2 * _PICKS)
+    right, s_m = line % 2 == 1, np.tile(np.linspace(-25.0, 25.0, _PICKS), 6)
+    many = views.drifted(np.broadcast_to(np.eye(3), (len(roads), 3, 3)))
+    uv_px = line_kernels.pixels_of_lines(line, right, s_m, *one, *views)[0] + 2.0
+    angles = [0.3 * np.sin(np.linspace(-1, 1, 2 * len(nodes) - 1) + k * roads[:, :1])
+              for k in range(3)]
+    axes = np.repeat(frame[None], len(roads), axis=0)
+    name = line_kernels.__name__
+    return {
+        f'{name}.feet_on_lines': (line, right, uv_px, *one, *views),
+        f'{name}.pixels_of_lines': (line, right, s_m, *lines, *many),
+        f'{reference_kernel.__name__}.along': (
+            *angles, axes, np.ascontiguousarray(points[:, 0]), float(nodes[1] - nodes[0])),
+    }
+
+
+def _rig() -> StereoRig:
+    """Return two equal cameras side by side, with distortion."""
+    K = np.array([[1000.0, 0, 640.0], [0, 1000.0, 480.0], [0, 0, 1]])
+    D = np.array([-0.28, 0.09, 1e-3, -5e-4, 0.01])
+    left, right = (Camera(side, 1280, 960, K, D, 'plumb_bob') for side in ('left', 'right'))
+    return StereoRig(left, right, np.eye(3), np.array([-0.5, 0.0, 0.0]))
 
 
 def _filtered(states: Array, scores: Array, config: TrackerConfig) -> object:

@@ -33,7 +33,8 @@ def test_kernels_are_timed_compiled_and_plain():
     pytest.importorskip('numba')
     table = kernel_table(1)
     assert {str(row[0]).rpartition('.')[2] for row in table.rows} == {
-        '_temporal', '_cross', 'views', 'shifted', 'mirrored', 'edges'}
+        '_temporal', '_cross', 'views', 'shifted', 'mirrored', 'edges', 'feet_on_lines',
+        'pixels_of_lines', 'along'}
     assert all(plain > 0 and ratio > 0 for _, plain, _, ratio in table.rows)
 
 
