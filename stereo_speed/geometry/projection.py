@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distortion import Equidistant, Lens, RationalPolynomial
-from ..core.compiled import inlined, kernel
+from ..core.compiled import kernel
 from ..core.records import Array
 
 NEAREST_M = 1e-6  # depth up to which a point counts as behind the camera
@@ -52,7 +52,8 @@ class Projection(NamedTuple):
         elif isinstance(lens, RationalPolynomial) and not lens.coefficients[12:].any():
             kind = _RATIONAL
         coefficients = np.zeros(14)
-        coefficients[:lens.size] = lens.coefficients
+        if kind != _OTHER:
+            coefficients[:lens.size] = lens.coefficients
         return cls(kind, coefficients, lens.limit, np.array([K[0, 0], K[1, 1], K[0, 1]]),
                    np.array([K[0, 2], K[1, 2]]), np.array(size, dtype=np.float64),
                    np.eye(3) if rotation is None else np.ascontiguousarray(rotation), np.zeros(3))
@@ -70,41 +71,14 @@ class Projection(NamedTuple):
     @property
     def known(self) -> bool:
         """Return whether the kernel supports the lens; it does not support tilted sensors."""
-        return self.supports(self.kind)
-
-    @staticmethod
-    def supports(kinds: int | NDArray[np.int64]) -> bool:
-        """Return whether kernels support all lenses of given kinds."""
-        return bool(np.all(np.asarray(kinds) != _OTHER))
+        return self.kind != _OTHER
 
 
-def plain_distorted(xy: Array, kind: int, k: Array) -> Array:
-    """Return the distorted coordinates (..., 2) of undistorted ones; of any kind of lens."""
+def distorted(xy: Array, kind: int, k: Array) -> Array:
+    """Return the distorted coordinates (..., 2) of undistorted ones, for a known kind of lens."""
     if kind == _IDEAL:
         return xy
     return (Equidistant(k[:4]) if kind == _EQUIDISTANT else RationalPolynomial(k)).distort(xy)
-
-
-@inlined
-def distorted(x, y, kind, k):  # type: ignore
-    """Return the distorted coordinates of undistorted ones, unchanged for an ideal lens."""
-    r2 = x * x + y * y
-    a, b = x, y
-    if kind == _RATIONAL:
-        radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (
-            1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
-        a = (x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)
-             + r2 * (k[8] + r2 * k[9]))
-        b = (y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y
-             + r2 * (k[10] + r2 * k[11]))
-    elif kind == _EQUIDISTANT:
-        radius = np.sqrt(r2)
-        if radius > _NEAR_AXIS:
-            theta = np.arctan(radius)
-            t2 = theta * theta
-            theta *= 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
-            a, b = x * theta / radius, y * theta / radius
-    return a, b
 
 
 def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
@@ -113,7 +87,7 @@ def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
     points_m = points_m @ rotation.T + offset_m
     front = points_m[:, 2] > NEAREST_M
     xy = points_m[:, :2] / np.where(front, points_m[:, 2], np.nan)[:, None]
-    uv = plain_distorted(xy, kind, k)
+    uv = distorted(xy, kind, k)
     uv = np.stack([focal[0] * uv[:, 0] + focal[2] * uv[:, 1], focal[1] * uv[:, 1]], -1) + centre
     with np.errstate(invalid='ignore'):
         valid = front & ((uv >= -0.5) & (uv <= size - 0.5)).all(axis=1)
@@ -136,12 +110,27 @@ def project(points_m: Any, kind: int, k: Any, limit: float, focal: Any, centre: 
             continue
         x = (rotation[0, 0] * p + rotation[0, 1] * q + rotation[0, 2] * r + offset_m[0]) / z
         y = (rotation[1, 0] * p + rotation[1, 1] * q + rotation[1, 2] * r + offset_m[1]) / z
-        a, b = distorted(x, y, kind, k)
+        r2 = x * x + y * y
+        a, b = x, y
+        if kind == _RATIONAL:
+            radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (
+                1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
+            a = (x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)
+                 + r2 * (k[8] + r2 * k[9]))
+            b = (y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y
+                 + r2 * (k[10] + r2 * k[11]))
+        elif kind == _EQUIDISTANT:
+            radius = np.sqrt(r2)
+            if radius > _NEAR_AXIS:
+                theta = np.arctan(radius)
+                t2 = theta * theta
+                theta *= 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
+                a, b = x * theta / radius, y * theta / radius
         u = focal[0] * a + focal[2] * b + centre[0]
         v = focal[1] * b + centre[1]
         uv[i, 0], uv[i, 1] = u, v
         valid[i] = (u >= -0.5 and u <= size[0] - 0.5 and v >= -0.5 and v <= size[1] - 0.5
-                    and x * x + y * y <= limit * limit)
+                    and r2 <= limit * limit)
     return uv, valid
 
 

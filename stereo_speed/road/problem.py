@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Mapping, Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .line_kernels import feet_on_lines, Lines, NEAREST_M, pixels_of_lines, Views
+from .line_kernels import (feet_on_lines, Lines, NEAREST_M, pixels_of_lines, plain_feet,
+                           plain_pixels, RigViews)
 from .model import drift_matrix, RoadModel, RoadShape
 from .run_off import prior_std
 from .wander import MayWander, Wander
@@ -208,7 +210,7 @@ class RoadProblem:
         self.drift, self.prior, self.wander = drift, prior, wander
         self.steps = model.steps if drift is None else np.append(
             model.steps, np.full(3, _DRIFT_STEP_RAD))
-        self._calibrated = Views.of(rig)
+        self._calibrated = RigViews.of(rig)  # None for lenses that kernels do not support
         self._last: Optional[tuple[Array, Feet]] = None
         self._known: Optional[tuple[Array, tuple[Array, Array]]] = None
 
@@ -217,10 +219,10 @@ class RoadProblem:
         """Return the number of unknowns of road and rig."""
         return len(self.steps)
 
-    def _reference(self, x: Array) -> tuple[Array, Array]:
-        """Return the reference line of the model; the last result is cached."""
-        if self._known is None or not np.array_equal(self._known[0], x):
-            self._known = x.copy(), self.model.reference(x)
+    def _reference(self, many: Array) -> tuple[Array, Array]:
+        """Return the reference lines of roads (k, size); the last result is cached."""
+        if self._known is None or not np.array_equal(self._known[0], many):
+            self._known = many.copy(), self.model.reference(many)
         return self._known[1]
 
     def drift_rad(self, x: Array) -> Array:
@@ -234,40 +236,49 @@ class RoadProblem:
         right = self.rig.to_right(points_m)
         return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
-    def _lines(self, x: Array) -> Lines:
-        """Return the lines of roads (..., size), stacked, in the form that the kernels take."""
-        model, many = self.model, x.reshape(-1, x.shape[-1])
-        points, frames = self._reference(x)
-        offset = model.offsets(many)
-        taper = many[:, model.places.tapers] / model.half_length_m
-        return Lines(points.reshape(len(many), -1, 3),
-                     np.ascontiguousarray(frames[..., 1]).reshape(len(many), -1, 3),
-                     float(model.s_m[0]), float(model.s_m[1] - model.s_m[0]),
-                     np.ascontiguousarray(offset),
-                     np.ascontiguousarray(taper) if model.tapered else np.zeros_like(offset))
+    def _lines(self, many: Array) -> Lines:
+        """Return the lines of roads (k, size)."""
+        return Lines.of(self.model, many, self._reference(many))
 
-    def _views(self, x: Array) -> Views:
-        """Return both cameras for roads (..., size), stacked, with the drift applied."""
-        if self.drift is None:
-            return self._calibrated if x.ndim == 1 else self._calibrated.drifted(
-                np.broadcast_to(np.eye(3), (len(x), 3, 3)))
-        return self._calibrated.drifted(drift_matrix(np.atleast_2d(self.drift_rad(x))))
+    def _views(self, many: Array, views: RigViews) -> RigViews:
+        """Return calibrated views with the drift of ``k`` rigs (k, size) applied."""
+        return views.drifted(drift_matrix(self.drift_rad(many)))
+
+    def _see(self, many: Array, points_m: Array, right: bool) -> Array:
+        """Return raw pixels of points (k, n, 3) in one view of ``k`` rigs (k, size)."""
+        if not right:
+            return pixels(self.rig.left, points_m)
+        return pixels(self.rig.right, self.to_right(many, points_m))
 
     def at(self, x: Array, s_m: Array) -> Array:
-        """Return the pixels (k, n, 2) of each pick's line at the arc length (n,) of the pick."""
-        picks, views = self.picks, self._views(x)
-        return np.asarray(views.chosen(pixels_of_lines)(
-            picks.line, picks.right, s_m, *self._lines(x), *views))
+        """
+        Return the pixels of each pick's line at the arc length (n,) of the pick.
+
+        :param x: (size,) unknowns, or (k, size).
+        :return: (n, 2), or (k, n, 2).
+        """
+        picks, many = self.picks, np.atleast_2d(x)
+        if self._calibrated is None:
+            uv_px = plain_pixels(picks.line, picks.right, s_m, self._lines(many),
+                                 partial(self._see, many))
+        else:
+            uv_px = pixels_of_lines(picks.line, picks.right, s_m, *self._lines(many),
+                                    *self._views(many, self._calibrated))
+        return np.asarray(uv_px.reshape(x.shape[:-1] + uv_px.shape[1:]))
 
     def feet(self, x: Array) -> Feet:
         """Return the foot of each pick on its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        picks, views = self.picks, self._views(x)
-        feet = Feet(*views.chosen(feet_on_lines)(
-            picks.line, picks.right, picks.uv_px, *self._lines(x), *views))
-        self._last = x.copy(), feet
-        return feet
+        picks, many = self.picks, x[None]
+        if self._calibrated is None:
+            found = plain_feet(picks.line, picks.right, picks.uv_px, self._lines(many),
+                               partial(self._see, many))
+        else:
+            found = feet_on_lines(picks.line, picks.right, picks.uv_px, *self._lines(many),
+                                  *self._views(many, self._calibrated))
+        self._last = x.copy(), Feet(*found)
+        return self._last[1]
 
     @property
     def prior_std(self) -> Array:
@@ -316,10 +327,10 @@ class RoadProblem:
 
         They are those of roll, tapers, the parameters of the shape, and the right camera's drift.
         """
-        axes = (self._reference(x)[1])[..., len(self.model.s_m) // 2, :, :]
-        roll = axes[..., 1, 1:2]  # dip of the left axis below the camera's horizontal
+        frames = self._reference(np.atleast_2d(x))[1][:, len(self.model.s_m) // 2]
+        roll = frames[:, 1, 1]  # dip of the left axis below the camera's horizontal
         weak = np.concatenate([
-            roll / self.prior.roll_std_rad,
+            roll.reshape(x.shape[:-1] + (1,)) / self.prior.roll_std_rad,
             (x[..., self.model.places.tapers.start:self.model.size] - self.prior_mean)
             / self.prior_std], axis=-1)
         if self.drift is None:

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
 from stereo_speed.core.errors import InputError
-from stereo_speed.road.line_kernels import in_order
 from stereo_speed.road.model import RoadModel, RoadShape
 from stereo_speed.road.problem import DriftPrior, Picks, RoadPrior, RoadProblem
 
@@ -100,17 +98,6 @@ def test_priors_of_a_vertical_curve_hand_worked(rig):
     x = np.concatenate([X, [0.5, np.log(4.0), 0.05]])
     np.testing.assert_allclose(
         problem.priors(x), [0, 0.5, np.log(2) / 0.5, 0.05 / (25 * 0.001)], atol=1e-9)
-
-
-def test_order_of_picks_determines_the_leg_of_a_hairpin():
-    """The second pick is nearer to the last column, but its successor lies before that."""
-    cost = np.array([[[0.0, 5, 9, 9], [9, 2, 5, 0], [9, 9, 0, 9]]])
-    assert in_order(cost).tolist() == [[0, 1, 2]]
-    rng = np.random.default_rng(0)
-    cost = rng.uniform(size=(3, 4, 5))
-    for group, got in zip(cost, in_order(cost)):
-        ways = [w for w in product(range(5), repeat=4) if list(w) == sorted(w)]
-        assert tuple(got) == min(ways, key=lambda w: sum(group[range(4), w]))
 
 
 def test_prior_is_bounded_and_gives_the_calibrated_covariance():

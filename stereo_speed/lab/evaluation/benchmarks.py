@@ -34,7 +34,7 @@ from ...io.images import grey_from_message
 from ...pipeline.assembly import make_pipeline, MeasuringSite
 from ...pipeline.config import PipelineConfig
 from ...road import line_kernels, reference_kernel
-from ...road.line_kernels import Lines, Views
+from ...road.line_kernels import Lines, RigViews
 from ...road.model import RoadModel, RoadShape
 from ...tracking import observation_kernels, photometric_terms
 from ...tracking.likelihood import Reference, score
@@ -310,25 +310,23 @@ def _road_arguments() -> dict[str, tuple[Any, ...]]:
     roads = np.vstack([np.zeros(model.size), steps, -steps])
     roads[:, model.places.offsets] += -2.0, 1.5, 5.0
     roads[:, model.places.curvature.start] += 0.3
-    points, frames = model.reference(roads)
-    nodes, views = model.s_m, Views.of(_rig())
-    lines = Lines(points, np.ascontiguousarray(frames[..., 1]), nodes[0], nodes[1] - nodes[0],
-                  roads[:, model.places.offsets].copy(), np.zeros((len(roads), 3)))
-    one = lines._replace(points_m=points[:1], left=lines.left[:1], offset_m=lines.offset_m[:1],
-                         taper=lines.taper[:1])
-    line = np.repeat(np.arange(3), 2 * _PICKS)
-    right, s_m = line % 2 == 1, np.tile(np.linspace(-25.0, 25.0, _PICKS), 6)
-    many = views.drifted(np.broadcast_to(np.eye(3), (len(roads), 3, 3)))
-    uv_px = line_kernels.pixels_of_lines(line, right, s_m, *one, *views)[0] + 2.0
-    angles = [0.3 * np.sin(np.linspace(-1, 1, 2 * len(nodes) - 1) + k * roads[:, :1])
-              for k in range(3)]
-    axes = np.repeat(frame[None], len(roads), axis=0)
+    one, many = (Lines.of(model, x, model.reference(x)) for x in (roads[:1], roads))
+    views = RigViews.of(_rig())
+    assert views is not None
+    group = np.arange(6 * _PICKS) // _PICKS  # line by line, left and right
+    picks = group // 2, group % 2 == 1
+    s_m = np.tile(np.linspace(-25.0, 25.0, _PICKS), 6)
+    uv_px = line_kernels.pixels_of_lines(*picks, s_m, *one, *views)[0] + 2.0
+    between = np.linspace(-1, 1, 2 * len(model.s_m) - 1)
+    angles = [0.3 * np.sin(between + k * roads[:, :1]) for k in range(3)]
     name = line_kernels.__name__
     return {
-        f'{name}.feet_on_lines': (line, right, uv_px, *one, *views),
-        f'{name}.pixels_of_lines': (line, right, s_m, *lines, *many),
+        f'{name}.feet_on_lines': (*picks, uv_px, *one, *views),
+        f'{name}.pixels_of_lines': (
+            *picks, s_m, *many, *views.drifted(np.repeat(np.eye(3)[None], len(roads), axis=0))),
         f'{reference_kernel.__name__}.along': (
-            *angles, axes, np.ascontiguousarray(points[:, 0]), float(nodes[1] - nodes[0])),
+            *angles, np.repeat(frame[None], len(roads), axis=0),
+            np.ascontiguousarray(many.points_m[:, 0]), many.step_m),
     }
 
 

@@ -187,7 +187,7 @@ def _sample_ground(textures: Sequence[list[Image]], ground: GroundMap) -> list[A
         * np.hypot(ground.station_y, ground.offset_y), 1e-9)) / TILE_TEXEL_M
     level = np.clip(np.log2(np.maximum(footprint, 1.0)), 0.0, LEVELS)
     out = [np.zeros(level.shape, np.float32) for _ in textures]
-    for i, images in enumerate(zip(*textures)):
+    for i, images in enumerate(zip(*textures, strict=True)):
         weight = np.maximum(1.0 - np.abs(level - i), 0.0).astype(np.float32)
         rows = np.nonzero(weight.any(axis=1))[0]
         if not rows.size:
@@ -195,7 +195,7 @@ def _sample_ground(textures: Sequence[list[Image]], ground: GroundMap) -> list[A
         band = slice(rows[0], rows[-1] + 1)
         size = images[0].shape[0]
         texel = ground.xy[band] / (TILE_TEXEL_M * 2 ** i) - 0.5
-        texel -= size * np.floor(texel / size)  # np.mod, which is slow
+        texel -= size * np.floor(texel / size)  # np.mod, but fast; sizes are powers of 2
         x, y = (texel[..., k].astype(np.float32) for k in (0, 1))
         for image, total in zip(images, out):
             total[band] += weight[band] * cv2.remap(
@@ -258,9 +258,9 @@ def render_background(scene: SimScene, views: tuple[View, View],
     for view in views:
         ground = GroundMap(scene, view)
         on_road = _asphalt_coverage(ground, scene.road)
-        rough, coarse = _sample_ground([asphalt, grass], ground)
-        grey = GREY['grass'] + 11.0 * coarse
-        tar = GREY['asphalt'] + 6.0 * rough
+        tar_texture, grass_texture = _sample_ground([asphalt, grass], ground)
+        grey = GREY['grass'] + 11.0 * grass_texture
+        tar = GREY['asphalt'] + 6.0 * tar_texture
         tar *= 1 - WET_ASPHALT * light.wet
         grey += on_road * (tar - grey)
         paint = marking_coverage(ground, scene.road, worn) * (1 - WET_MARKING * light.wet)
