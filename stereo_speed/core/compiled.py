@@ -3,11 +3,11 @@
 """
 Loops that numba compiles if it is installed, each with an equivalent function in plain numpy.
 
-A kernel is a loop over pixels or observations that numpy could only do in many passes.  Each has
-a plain numpy function of the same arguments, which defines what the kernel computes.  The tests
-compare the two, and the plain function replaces the kernel if numba is missing or
-``STEREO_SPEED_KERNELS`` is ``plain``.  ``kernels`` returns which of the two is in use, and why,
-for logs, diagnostics and ``summary.json``.
+A kernel is a loop over pixels or observations that numpy could only do in many passes, or with
+many calls on few of them.  Each has a plain numpy function of the same arguments, which defines
+what the kernel computes.  The tests compare the two, and the plain function replaces the kernel if
+numba is missing or ``STEREO_SPEED_KERNELS`` is ``plain``.  ``kernels`` returns which of the two is
+in use, and why, for logs, diagnostics and ``summary.json``.
 
 A kernel is compiled once, for the types that it declares, and its arguments are converted to
 these.  The same arguments therefore give the same bits, whatever the process did before.

@@ -52,7 +52,7 @@ class Projection(NamedTuple):
         elif isinstance(lens, RationalPolynomial) and not lens.coefficients[12:].any():
             kind = _RATIONAL
         coefficients = np.zeros(14)
-        if kind != _OTHER:
+        if kind in (_RATIONAL, _EQUIDISTANT):
             coefficients[:lens.size] = lens.coefficients
         return cls(kind, coefficients, lens.limit, np.array([K[0, 0], K[1, 1], K[0, 1]]),
                    np.array([K[0, 2], K[1, 2]]), np.array(size, dtype=np.float64),

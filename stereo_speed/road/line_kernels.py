@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from .model import RoadModel, Weights
 from ..core.compiled import inlined, kernel
 from ..core.records import Array
-from ..geometry.projection import distorted, Projection
+from ..geometry.projection import distorted
 from ..geometry.rig import StereoRig
 
 REACH = 1.3  # distance from the middle, in half lengths, up to which feet are searched
-NEAREST_M = 0.1  # least depth of a visible point
+LEAST_DEPTH_M = 0.1  # of a visible point
+# Loops may not use constants and helpers of other files, see ``test_compiled``.
 _RATIONAL, _EQUIDISTANT = 1, 2  # kinds of lenses, same as in ``geometry.projection``
 _NEAR_AXIS = 1e-12  # same as in ``geometry.distortion``
 _STEP_M = 0.01  # step along a line for its direction in the image
@@ -29,8 +30,8 @@ _ASTRAY_PX = 60.0  # cap of the distance by which a pick is assigned to a part o
 _FAR_NODES = 3  # most nodes by which a step of Newton's method moves a foot
 _STEPS = 3  # steps of Newton's method to a foot
 
-# Raw pixels (k, n, 2) of points (k, n, 3) in the left camera's frame, in its view or, if True, in
-# the right one; NaN behind the camera.
+# Projects points (k, n, 3) in the left camera's frame to raw pixels (k, n, 2) of its view or, if
+# True, of the right one; NaN behind the camera.
 See = Callable[[Array, bool], Array]
 
 
@@ -64,11 +65,9 @@ class Lines(NamedTuple):
         """
         points, frames = reference
         offset = np.ascontiguousarray(model.offsets(x))
-        taper = np.zeros_like(offset)
-        if model.tapered:
-            taper += x[:, model.places.tapers] / model.half_length_m
         return cls(points, np.ascontiguousarray(frames[..., 1]), float(model.s_m[0]),
-                   float(model.s_m[1] - model.s_m[0]), offset, taper)
+                   float(model.s_m[1] - model.s_m[0]), offset,
+                   np.ascontiguousarray(model.slopes(x)))
 
     @property
     def nodes_m(self) -> Array:
@@ -99,8 +98,7 @@ class RigViews(NamedTuple):
     @classmethod
     def of(cls, rig: StereoRig) -> Optional[RigViews]:
         """Return the views of a calibrated rig; None if the kernels do not support its lenses."""
-        two = [Projection.of(c.lens, c.K, (c.width_px, c.height_px), None)
-               for c in (rig.left, rig.right)]
+        two = [rig.left.projection, rig.right.projection]
         if not all(one.known for one in two):
             return None
         return cls(np.array([one.kind for one in two], dtype=np.int64),
@@ -126,7 +124,7 @@ class RigViews(NamedTuple):
         i = int(right)
         here = points_m @ np.swapaxes(self.rotation[:, i], -1, -2) + self.origin_m[:, None, i]
         z = here[..., 2:]
-        xy = distorted(here[..., :2] / np.where(z > NEAREST_M, z, np.nan), int(self.kind[i]),
+        xy = distorted(here[..., :2] / np.where(z > LEAST_DEPTH_M, z, np.nan), int(self.kind[i]),
                        self.coefficients[i])
         fx, fy, skew = self.focal[i]
         return np.asarray(self.centre[i] + np.stack(
@@ -185,6 +183,8 @@ def plain_feet(line: NDArray[np.int64], right: NDArray[np.bool_], uv_px: Array, 
     :param lines: lines beside one reference line.
     :param see: projects points into a view.
     """
+    if not len(line):
+        return np.zeros(0), np.zeros((0, 2)), np.zeros(0)
     nodes, far, h = lines.nodes_m, _FAR_NODES * lines.step_m, _STEP_M
     s = nodes[_nearest_nodes(line, right, uv_px, lines, see)]
     for _ in range(_STEPS):
@@ -244,7 +244,7 @@ def _feet(line: NDArray[np.int64], right: NDArray[np.bool_], uv_px: Array, *of: 
 
 @inlined
 def _distorted(x, y, kind, k):  # type: ignore
-    """Return the distorted coordinates of undistorted ones, unchanged for an ideal lens."""
+    """Return the distorted coordinates of undistorted ones, as ``geometry.projection`` does."""
     r2 = x * x + y * y
     a, b = x, y
     if kind == _RATIONAL:
@@ -265,11 +265,11 @@ def _distorted(x, y, kind, k):  # type: ignore
 
 
 @inlined
-def _seen(x, y, z, camera):  # type: ignore
+def _pixel(x, y, z, camera):  # type: ignore
     """Return the pixel of a point in a view; NaN behind the camera."""
     kind, k, focal, centre, rotation, origin = camera
     depth = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + origin[2]
-    if not depth > NEAREST_M:
+    if not depth > LEAST_DEPTH_M:
         depth = np.nan
     across = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + origin[0]
     down = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + origin[1]
@@ -278,7 +278,7 @@ def _seen(x, y, z, camera):  # type: ignore
 
 
 @inlined
-def _at(s, line, camera):  # type: ignore
+def _pixel_at(s, line, camera):  # type: ignore
     """Return the pixel of a line at an arc length, by cubic interpolation between nodes."""
     points, lateral, first, step, offset, taper = line
     u = (s - first) / step
@@ -295,7 +295,7 @@ def _at(s, line, camera):  # type: ignore
     z = (a * points[i, 2] + b * points[i + 1, 2] + c * points[i + 2, 2] + d * points[i + 3, 2]
          + beside * (a * lateral[i, 2] + b * lateral[i + 1, 2] + c * lateral[i + 2, 2]
                      + d * lateral[i + 3, 2]))
-    return _seen(x, y, z, camera)
+    return _pixel(x, y, z, camera)
 
 
 @inlined
@@ -304,7 +304,7 @@ def _nodes_seen(line, camera, seen):  # type: ignore
     points, lateral, first, step, offset, taper = line
     for n in range(len(points)):
         beside = offset + taper * (first + n * step)
-        seen[n, 0], seen[n, 1] = _seen(
+        seen[n, 0], seen[n, 1] = _pixel(
             points[n, 0] + beside * lateral[n, 0], points[n, 1] + beside * lateral[n, 1],
             points[n, 2] + beside * lateral[n, 2], camera)
 
@@ -342,14 +342,14 @@ def _foot(u, v, s, line, camera):  # type: ignore
     points, _, first, step, _, _ = line
     far, last, du, dv = _FAR_NODES * step, first + (len(points) - 1) * step, 0.0, 0.0
     for _ in range(_STEPS):
-        u0, v0 = _at(s - _STEP_M, line, camera)
-        u1, v1 = _at(s + _STEP_M, line, camera)
+        u0, v0 = _pixel_at(s - _STEP_M, line, camera)
+        u1, v1 = _pixel_at(s + _STEP_M, line, camera)
         du, dv = (u1 - u0) / (2 * _STEP_M), (v1 - v0) / (2 * _STEP_M)
         move = ((u - (u0 + u1) / 2) * du + (v - (v0 + v1) / 2) * dv) / (du * du + dv * dv)
         if move == move:
             s += min(max(move, -far), far)
         s = min(max(s, REACH * first), REACH * last)
-    on_u, on_v = _at(s, line, camera)
+    on_u, on_v = _pixel_at(s, line, camera)
     length = np.sqrt(du * du + dv * dv)
     off = (dv * (on_u - u) - du * (on_v - v)) / length
     if np.isfinite(off):
@@ -370,7 +370,7 @@ def pixels_of_lines(line: Any, right: Any, s_m: Any, points: Any, lateral: Any, 
     for j in range(len(points)):
         for i in range(len(s_m)):
             number, view = line[i], int(right[i])
-            out[j, i, 0], out[j, i, 1] = _at(
+            out[j, i, 0], out[j, i, 1] = _pixel_at(
                 s_m[i],
                 (points[j], lateral[j], first, step, offset[j, number], taper[j, number]),
                 (kind[view], k[view], focal[view], centre[view], rotation[j, view],

@@ -217,6 +217,12 @@ class RoadModel:
         """Return the (..., lines) lateral offsets of the lines, m, positive to the left."""
         return x[..., self.places.offsets]
 
+    def slopes(self, x: Array) -> Array:
+        """Return the (..., lines) changes of these offsets for each metre along the road."""
+        if not self.tapered:
+            return np.zeros_like(self.offsets(x))
+        return np.asarray(x[..., self.places.tapers] / self.half_length_m)
+
     def offsets_at(self, x: Array, line: NDArray[np.intp], s_m: Array) -> Array:
         """
         Return the lateral offsets (..., n) of lines at arc lengths, tapers included, m.
@@ -224,10 +230,7 @@ class RoadModel:
         :param line: (n,) numbers of the lines.
         :param s_m: (n,) arc lengths, m.
         """
-        out: Array = x[..., self.places.offsets][..., line]
-        if self.tapered:
-            out = out + x[..., self.places.tapers][..., line] * (s_m / self.half_length_m)
-        return np.asarray(out)
+        return np.asarray(self.offsets(x)[..., line] + self.slopes(x)[..., line] * s_m)
 
     def tilt(self, x: Array) -> Array:
         """Return grade and crossfall in the middle (..., 2), rad; 0 if they are not free."""
@@ -250,7 +253,8 @@ class RoadModel:
         origin_m = self.centre_m + many[:, 3:4] * self.frame[:, 2]
         points, frames = along(psi + turned[0], theta + turned[1], phi + turned[2], axes, origin_m,
                                self.s_m[1] - self.s_m[0])
-        return points.reshape(x.shape[:-1] + (-1, 3)), frames.reshape(x.shape[:-1] + (-1, 3, 3))
+        return (points.reshape(x.shape[:-1] + points.shape[1:]),
+                frames.reshape(x.shape[:-1] + frames.shape[1:]))
 
 
 class RoadPlaces(NamedTuple):

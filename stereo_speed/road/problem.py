@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Mapping, Optional
+from typing import Callable, Mapping, Optional, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .line_kernels import (feet_on_lines, Lines, NEAREST_M, pixels_of_lines, plain_feet,
+from .line_kernels import (feet_on_lines, LEAST_DEPTH_M, Lines, pixels_of_lines, plain_feet,
                            plain_pixels, RigViews)
 from .model import drift_matrix, RoadModel, RoadShape
 from .run_off import prior_std
@@ -19,6 +19,8 @@ from ..core.config import CheckedRecord, parameter
 from ..core.records import Array
 from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
+
+_Of = TypeVar('_Of')
 
 _DRIFT_STEP_RAD = 1e-6  # step for finite differences, which moves the picks by about 1e-3 px
 _LEAST_TAPER_M = 1e-6  # 1-sigma that stands for exactly parallel lines
@@ -167,7 +169,7 @@ class Feet:
 def pixels(camera: Camera, points_m: Array) -> Array:
     """Return raw pixels of points (..., 3) in the camera's frame; NaN behind the camera."""
     z = points_m[..., 2:]
-    return camera.distort(points_m[..., :2] / np.where(z > NEAREST_M, z, np.nan))
+    return camera.distort(points_m[..., :2] / np.where(z > LEAST_DEPTH_M, z, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,16 +203,20 @@ class RoadProblem:
     :param prior: prior knowledge of any road.
     :param wander: how lines may wander; its coefficients follow the other unknowns. None means
         that they do not wander.
+    :raises ValueError: a pick is of a line that the model does not have.
     """
 
     def __init__(self, rig: StereoRig, picks: Picks, model: RoadModel,
                  drift: Optional[DriftPrior] = None, prior: RoadPrior = RoadPrior(),
                  wander: Optional[Wander] = None) -> None:
+        if len(picks.line) and not 0 <= picks.line.min() <= picks.line.max() < model.lines:
+            raise ValueError(f'picks of lines {picks.line.min()} to {picks.line.max()}, '
+                             f'the model has {model.lines}')  # kernels do not check their indices
         self.rig, self.picks, self.model = rig, picks, model
         self.drift, self.prior, self.wander = drift, prior, wander
         self.steps = model.steps if drift is None else np.append(
             model.steps, np.full(3, _DRIFT_STEP_RAD))
-        self._calibrated = RigViews.of(rig)  # None for lenses that kernels do not support
+        self._calibrated_views = RigViews.of(rig)  # None for lenses unknown to kernels
         self._last: Optional[tuple[Array, Feet]] = None
         self._known: Optional[tuple[Array, tuple[Array, Array]]] = None
 
@@ -236,19 +242,25 @@ class RoadProblem:
         right = self.rig.to_right(points_m)
         return right if self.drift is None else right @ drift_matrix(self.drift_rad(x))
 
-    def _lines(self, many: Array) -> Lines:
-        """Return the lines of roads (k, size)."""
-        return Lines.of(self.model, many, self._reference(many))
-
-    def _views(self, many: Array, views: RigViews) -> RigViews:
-        """Return calibrated views with the drift of ``k`` rigs (k, size) applied."""
-        return views.drifted(drift_matrix(self.drift_rad(many)))
-
     def _see(self, many: Array, points_m: Array, right: bool) -> Array:
-        """Return raw pixels of points (k, n, 3) in one view of ``k`` rigs (k, size)."""
+        """Return raw pixels of points (k, n, 3) in one view of rigs (k, size)."""
         if not right:
             return pixels(self.rig.left, points_m)
         return pixels(self.rig.right, self.to_right(many, points_m))
+
+    def _of_picks(self, kernel: Callable[..., _Of], plain: Callable[..., _Of], many: Array,
+                  values: Array) -> _Of:
+        """
+        Return the result of a kernel for the lines of the picks, seen by rigs (k, size).
+
+        :param plain: its equivalent for lenses that kernels do not support.
+        :param values: a value for each pick.
+        """
+        picks, lines = self.picks, Lines.of(self.model, many, self._reference(many))
+        if self._calibrated_views is None:
+            return plain(picks.line, picks.right, values, lines, partial(self._see, many))
+        views = self._calibrated_views.drifted(drift_matrix(self.drift_rad(many)))
+        return kernel(picks.line, picks.right, values, *lines, *views)
 
     def at(self, x: Array, s_m: Array) -> Array:
         """
@@ -257,28 +269,16 @@ class RoadProblem:
         :param x: (size,) unknowns, or (k, size).
         :return: (n, 2), or (k, n, 2).
         """
-        picks, many = self.picks, np.atleast_2d(x)
-        if self._calibrated is None:
-            uv_px = plain_pixels(picks.line, picks.right, s_m, self._lines(many),
-                                 partial(self._see, many))
-        else:
-            uv_px = pixels_of_lines(picks.line, picks.right, s_m, *self._lines(many),
-                                    *self._views(many, self._calibrated))
+        uv_px = self._of_picks(pixels_of_lines, plain_pixels, np.atleast_2d(x), s_m)
         return np.asarray(uv_px.reshape(x.shape[:-1] + uv_px.shape[1:]))
 
     def feet(self, x: Array) -> Feet:
         """Return the foot of each pick on its projected line."""
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        picks, many = self.picks, x[None]
-        if self._calibrated is None:
-            found = plain_feet(picks.line, picks.right, picks.uv_px, self._lines(many),
-                               partial(self._see, many))
-        else:
-            found = feet_on_lines(picks.line, picks.right, picks.uv_px, *self._lines(many),
-                                  *self._views(many, self._calibrated))
-        self._last = x.copy(), Feet(*found)
-        return self._last[1]
+        feet = Feet(*self._of_picks(feet_on_lines, plain_feet, x[None], self.picks.uv_px))
+        self._last = x.copy(), feet
+        return feet
 
     @property
     def prior_std(self) -> Array:

@@ -23,9 +23,9 @@ CALIBRATIONS = {
     'rational': ('rational_polynomial', RATIONAL),
     'fisheye': ('equidistant', [0.01, -0.02, 0.003, -0.001]),
     'tilted': ('rational_polynomial', [0.0] * 12 + [0.01, 0.02]),
-    'stretched': ('stretched', [0.9])}
+    'stretched': ('stretched', [0.9]), 'unstretched': ('stretched', [0.0])}
 RIGS = [(lens, lens) for lens in CALIBRATIONS] + [('rational', 'fisheye'), ('ideal', 'stretched')]
-COMPILED = RIGS[:3] + RIGS[-2:-1]
+COMPILED = [lenses for lenses in RIGS if not {'tilted', 'stretched'} & set(lenses)]
 FRAME = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 # a bend of 60 m radius that climbs and ends beside the camera, partly behind it
 MODEL = RoadModel(FRAME, np.array([0, 3.0, 22.0]), 24.0, 2, RoadShape(1, 2), tapered=True)
@@ -34,14 +34,14 @@ DRIFT_RAD = np.array([4e-3, -2e-3, 1e-3])
 
 
 class Stretched(Lens):
-    """A lens model that the kernels do not know, with one coefficient."""
+    """A lens model that the kernels do not know, with more coefficients than theirs have."""
 
     sizes = (1,)
-    size = 1
+    size = 20
     zeros_are_ideal = True
 
     def formula(self, xy):
-        return xy * self.coefficients
+        return xy * self.coefficients[0]
 
 
 @pytest.fixture(autouse=True)
@@ -111,8 +111,10 @@ def test_compiled_feet_equal_plain_ones(lenses, drift_rad):
     uv_px = pixels_of_lines.plain(line, right, s_m, *lines, *views)[0]
     uv_px[np.isnan(uv_px)] = 9e3
     uv_px += np.random.default_rng(3).normal(0, 3, uv_px.shape)
+    uv_px[7] = np.nan
     got, wanted = (one(line, right, uv_px, *lines, *views)
                    for one in (feet_on_lines.compiled(), feet_on_lines.plain))
+    assert wanted[2][7] == 1e3 and not wanted[1][7].any()
     near = np.abs(wanted[2]) < 20
     assert near.any() and not near.all()
     for a, b in zip(got, wanted, strict=True):
@@ -138,7 +140,13 @@ def test_pixels_are_those_of_the_drifted_rig(lenses):
     seen = np.isfinite(got).all(axis=-1)
     assert seen.sum() > 8
     np.testing.assert_allclose(got[seen], wanted[seen], atol=1e-6)
-    np.testing.assert_array_equal(problem.at(np.stack([x, x]), s_m), np.stack([got, got]))
+    other = x + 0.01  # two roads and rigs at once, each with its own
+    np.testing.assert_allclose(problem.at(np.stack([other, x]), s_m),
+                               np.stack([problem.at(other, s_m), got]), rtol=1e-9)
+    assert np.nanmax(np.abs(problem.at(other, s_m) - got)) > 1
+    still = RoadProblem(rig, picks, MODEL)
+    np.testing.assert_allclose(still.at(X, s_m), problem.at(np.append(X, np.zeros(3)), s_m),
+                               rtol=1e-9)
 
 
 @pytest.mark.parametrize('lenses', RIGS)
@@ -157,6 +165,17 @@ def test_feet_of_picks_on_their_lines(lenses):
     found = problem(uv_px[seen]).feet(x)
     np.testing.assert_allclose(found.s_m, s_m, atol=1e-4)
     np.testing.assert_allclose(found.residual_px, 0, atol=1e-6)
+    beside = problem(uv_px[seen] + 0.5)
+    slope = beside.jacobian(x)
+    for j, step in enumerate(1e-6 * np.eye(len(x))):
+        moved = (beside.rigid(x + step) - beside.rigid(x - step)) / 2e-6
+        np.testing.assert_allclose(slope[:, j], moved, rtol=0.01, atol=0.01 * np.abs(moved).max())
+
+
+def test_kernels_are_not_given_lines_that_are_none():
+    picks = Picks(('a', 'b', 'c'), np.zeros((1, 2)), np.array([2]), np.zeros(1, bool), np.ones(1))
+    with pytest.raises(ValueError, match='picks of lines 2 to 2, the model has 2'):
+        RoadProblem(rig_of(('ideal', 'ideal')), picks, MODEL)
 
 
 def test_feet_by_hand(feet):
@@ -172,14 +191,13 @@ def test_feet_by_hand(feet):
 
 
 def test_feet_are_searched_up_to_a_reach(feet):
-    """Picks beyond it have their feet there; a pick just beyond the nodes has its own."""
+    """A pick beyond it has its foot there; picks just beyond the nodes have their own."""
     views, lines = RigViews.of(rig_of(('ideal', 'ideal'))), straight(1.0)
-    z = np.array([200.0, 53.0, 8.5, 1.0])
+    z = np.array([200.0, 53.0, 8.5])
     uv_px = np.stack([500 + 800 / z, 390 + 810 * 3 / z], axis=-1)
-    s_m = feet(np.zeros(4, int), np.zeros(4, bool), uv_px, *lines, *views)[0]
+    s_m = feet(np.zeros(3, int), np.zeros(3, bool), uv_px, *lines, *views)[0]
     assert s_m[0] == REACH * -20
-    np.testing.assert_allclose(s_m[1:3], [-23.0, 21.5], atol=0.02)
-    assert s_m[3] <= REACH * 20
+    np.testing.assert_allclose(s_m[1:], [-23.0, 21.5], atol=0.02)
 
 
 def test_feet_of_a_hairpin_are_on_the_leg_of_their_order(feet):

@@ -9,10 +9,8 @@ import pytest
 from stereo_speed.road.model import drift_matrix
 from stereo_speed.road.reference_kernel import along
 
-KERNELS = ['plain', 'compiled']
 
-
-@pytest.fixture(params=KERNELS)
+@pytest.fixture(params=['plain', 'compiled'])
 def kernel(request):
     """Return one of the two functions."""
     if request.param == 'plain':
@@ -45,3 +43,16 @@ def test_level_circle_in_closed_form(kernel):
     np.testing.assert_allclose(frames[0, :, :, 1], left, atol=1e-12)
     np.testing.assert_allclose(frames[0].transpose(0, 2, 1) @ frames[0],
                                np.broadcast_to(np.eye(3), (41, 3, 3)), atol=1e-12)
+
+
+def test_grade_in_closed_form(kernel):
+    """A straight line that climbs at 0.1 rad, in a frame whose x axis is the camera's z axis."""
+    axes = np.array([[0, -1.0, 0], [0, 0, -1], [1, 0, 0]])
+    zero = np.zeros((1, 21))
+    points, frames = kernel(zero, zero + 0.1, zero, axes[None], np.array([[1.0, 2, 30]]), 2.0)
+    s = 2.0 * np.arange(-5, 6)
+    np.testing.assert_allclose(
+        points[0], np.stack([1 + 0 * s, 2 - np.sin(0.1) * s, 30 + np.cos(0.1) * s], -1),
+        atol=1e-12)
+    np.testing.assert_allclose(frames[0, 3, :, 0], [0, -np.sin(0.1), np.cos(0.1)], atol=1e-12)
+    np.testing.assert_allclose(frames[0, 3, :, 1], [-1, 0, 0], atol=1e-12)

@@ -97,15 +97,16 @@ def medians(jobs: Mapping[str, Job], rounds: int) -> dict[str, float]:
 
 
 def kernel_table(rounds: int) -> Table:
-    """Return the time of each kernel, compiled and plain."""
+    """Return the times of kernels, compiled and plain."""
     jobs: dict[str, Job] = {}
-    for name, args in _arguments().items():
+    arguments = _arguments()
+    for name, args in arguments.items():
         one = REGISTRY[name]
         jobs[f'{name} plain'] = _times(partial(one.plain, *args), _REPEATED)
         jobs[f'{name} compiled'] = _times(partial(one.compiled(), *args), _REPEATED)
     found = medians(jobs, rounds)
     rows: list[list[Cell]] = []
-    for name in _arguments():
+    for name in arguments:
         plain, compiled = (found[f'{name} {kind}'] / _REPEATED for kind in ('plain', 'compiled'))
         rows.append([name.partition('.')[2], plain, compiled, plain / compiled])
     return Table(title='Kernels', columns=('kernel', 'plain numpy, ms', 'compiled, ms', 'ratio'),
@@ -317,15 +318,15 @@ def _road_arguments() -> dict[str, tuple[Any, ...]]:
     picks = group // 2, group % 2 == 1
     s_m = np.tile(np.linspace(-25.0, 25.0, _PICKS), 6)
     uv_px = line_kernels.pixels_of_lines(*picks, s_m, *one, *views)[0] + 2.0
-    between = np.linspace(-1, 1, 2 * len(model.s_m) - 1)
-    angles = [0.3 * np.sin(between + k * roads[:, :1]) for k in range(3)]
+    between = np.repeat(np.linspace(-1, 1, 2 * len(model.s_m) - 1)[None], len(roads), axis=0)
     name = line_kernels.__name__
     return {
         f'{name}.feet_on_lines': (*picks, uv_px, *one, *views),
         f'{name}.pixels_of_lines': (
             *picks, s_m, *many, *views.drifted(np.repeat(np.eye(3)[None], len(roads), axis=0))),
         f'{reference_kernel.__name__}.along': (
-            *angles, np.repeat(frame[None], len(roads), axis=0),
+            *(0.3 * np.sin(between + k) for k in range(3)),
+            np.repeat(frame[None], len(roads), axis=0),
             np.ascontiguousarray(many.points_m[:, 0]), many.step_m),
     }
 

@@ -23,11 +23,11 @@ from ...core.records import Array
 from ...estimation.robust import robust_std
 from ...geometry.ray_plane import Plane
 from ...geometry.rig import StereoRig
+from ...road.problem import pixels
 
 MOST_DETAILS, LEAST_DETAILS = 1500, 60  # more take too long; fewer are not significant
 _FAR_M = 1e5  # depth that stands for infinity
 _FURTHEST_M = 250.0  # greatest depth of the road; everything above counts as infinitely far
-_NEAREST_M = 0.1  # least depth of a point that the right camera sees
 _WINDOW_PX = 15  # window of a detail
 _LEVELS = 3  # pyramid levels of the matching
 _ACCURACY_PX, _MOST_STEPS = 0.002, 40  # termination criteria of the matching
@@ -148,9 +148,7 @@ def _to_right_view(rig: StereoRig, uv_px: Array, plane: Plane) -> Array:
     toward = rays @ plane.normal
     depth = np.where(toward / distance > 1 / _FURTHEST_M, distance / np.where(
         toward == 0, 1.0, toward), _FAR_M)
-    points = rig.to_right(rays * depth[..., None])
-    z = points[..., 2:]
-    return rig.right.distort(points[..., :2] / np.where(z > _NEAREST_M, z, np.nan))
+    return pixels(rig.right, rig.to_right(rays * depth[..., None]))
 
 
 def _flattened(image: NDArray[np.float32]) -> NDArray[np.uint8]:
