@@ -613,13 +613,13 @@ def braked(prepare, knots, seed, lag_s=0.0, drop=()):
 @pytest.mark.slow
 def test_hard_braking_is_within_4_sigma(prepare):
     """
-    Eight vehicles that brake at 6 m/s^2 from a random time on, for a random time.
+    Twelve vehicles that brake at 6 m/s^2 from a random time on, for a random time.
 
     Images hardly show the onset in the first reading after it, which is printed separately
     (``pytest -s``).
     """
     first, others = [], []
-    for seed in range(8):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         begins_s, lasts_s = rng.uniform(0.4, 1.2), rng.uniform(0.5, 1.0)
         knots = (begins_s, 22.35), (begins_s + lasts_s, 22.35 - 6 * lasts_s)
