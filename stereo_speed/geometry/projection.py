@@ -74,11 +74,13 @@ class Projection(NamedTuple):
         return self.kind != _OTHER
 
 
-def distorted(xy: Array, kind: int, k: Array) -> Array:
-    """Return the distorted coordinates (..., 2) of undistorted ones, for a known kind of lens."""
-    if kind == _IDEAL:
-        return xy
-    return (Equidistant(k[:4]) if kind == _EQUIDISTANT else RationalPolynomial(k)).distort(xy)
+def raw_pixels(xy: Array, kind: int, k: Array, focal: Array, centre: Array) -> Array:
+    """Return the raw pixels (..., 2) of undistorted coordinates, see :class:`Projection`."""
+    if kind != _IDEAL:
+        lens = Equidistant(k[:4]) if kind == _EQUIDISTANT else RationalPolynomial(k)
+        xy = lens.distort(xy)
+    return np.asarray(centre + np.stack(
+        [focal[0] * xy[..., 0] + focal[2] * xy[..., 1], focal[1] * xy[..., 1]], axis=-1))
 
 
 def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
@@ -87,8 +89,7 @@ def _plain(points_m: Array, *camera: Any) -> tuple[Array, NDArray[np.bool_]]:
     points_m = points_m @ rotation.T + offset_m
     front = points_m[:, 2] > NEAREST_M
     xy = points_m[:, :2] / np.where(front, points_m[:, 2], np.nan)[:, None]
-    uv = distorted(xy, kind, k)
-    uv = np.stack([focal[0] * uv[:, 0] + focal[2] * uv[:, 1], focal[1] * uv[:, 1]], -1) + centre
+    uv = raw_pixels(xy, kind, k, focal, centre)
     with np.errstate(invalid='ignore'):
         valid = front & ((uv >= -0.5) & (uv <= size - 0.5)).all(axis=1)
         if np.isfinite(limit):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .model import RoadModel, Weights
 from ..core.compiled import inlined, kernel
 from ..core.records import Array
-from ..geometry.projection import distorted
+from ..geometry.projection import raw_pixels
 from ..geometry.rig import StereoRig
 
 REACH = 1.3  # distance from the middle, in half lengths, up to which feet are searched
@@ -124,11 +124,9 @@ class RigViews(NamedTuple):
         i = int(right)
         here = points_m @ np.swapaxes(self.rotation[:, i], -1, -2) + self.origin_m[:, None, i]
         z = here[..., 2:]
-        xy = distorted(here[..., :2] / np.where(z > LEAST_DEPTH_M, z, np.nan), int(self.kind[i]),
-                       self.coefficients[i])
-        fx, fy, skew = self.focal[i]
-        return np.asarray(self.centre[i] + np.stack(
-            [fx * xy[..., 0] + skew * xy[..., 1], fy * xy[..., 1]], axis=-1))
+        xy = here[..., :2] / np.where(z > LEAST_DEPTH_M, z, np.nan)
+        return raw_pixels(xy, int(self.kind[i]), self.coefficients[i], self.focal[i],
+                          self.centre[i])
 
 
 def in_order(cost: Array) -> NDArray[np.intp]:

@@ -70,13 +70,10 @@ def picked(count=40):
     return line, right, np.tile(np.linspace(-24.0, 24.0, count), 4)
 
 
-@pytest.fixture(params=['plain', 'compiled'])
-def feet(request):
+@pytest.fixture
+def feet(of_kernel):
     """Return one of the two functions for feet."""
-    if request.param == 'plain':
-        return feet_on_lines.plain
-    pytest.importorskip('numba')
-    return feet_on_lines.compiled()
+    return of_kernel(feet_on_lines)
 
 
 def straight(*across_m):

@@ -1,6 +1,6 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reference lines: the compiled kernel against plain numpy, and a circle in closed form."""
+"""Reference lines: the compiled kernel against plain numpy, and closed forms."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,13 +10,10 @@ from stereo_speed.road.model import drift_matrix
 from stereo_speed.road.reference_kernel import along
 
 
-@pytest.fixture(params=['plain', 'compiled'])
-def kernel(request):
+@pytest.fixture
+def kernel(of_kernel):
     """Return one of the two functions."""
-    if request.param == 'plain':
-        return along.plain
-    pytest.importorskip('numba')
-    return along.compiled()
+    return of_kernel(along)
 
 
 def test_compiled_reference_lines_equal_plain_ones():
