@@ -16,7 +16,7 @@ import statistics
 import sys
 import time
 from types import SimpleNamespace
-from typing import Any, Callable, Iterable, Mapping, Sequence
+from typing import Any, Callable, cast, Iterable, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -312,8 +312,7 @@ def _road_arguments() -> dict[str, tuple[Any, ...]]:
     roads[:, model.places.offsets] += -2.0, 1.5, 5.0
     roads[:, model.places.curvature.start] += 0.3
     one, many = (Lines.of(model, x, model.reference(x)) for x in (roads[:1], roads))
-    views = RigViews.of(_rig())
-    assert views is not None
+    views = cast(RigViews, RigViews.of(_rig()))  # kernels know its lenses
     group = np.arange(6 * _PICKS) // _PICKS  # line by line, left and right
     picks = group // 2, group % 2 == 1
     s_m = np.tile(np.linspace(-25.0, 25.0, _PICKS), 6)
