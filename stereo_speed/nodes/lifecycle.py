@@ -83,8 +83,7 @@ class MeasuringNode(LifecycleNode):
     def close(self) -> None:
         """End everything, because the node stops."""
         self.forget()
-        self.measuring.self_test.close()
-        self.measuring.outputs.close()
+        self.measuring.close()
 
     def begin(self) -> None:
         """

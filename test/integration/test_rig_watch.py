@@ -60,7 +60,7 @@ def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite,
                  f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):
         stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)
-        with Process('replay_node', f'bag:={bag}', 'loop:=true'):
+        with Process('replay_node', f'bag:={bag}', 'loop:=true', 'rate:=0.25'):
             stand_in.wait(lambda: any('two checks' in s.message for s in states), LOOK_S)
             before = len(passes)
             stand_in.wait(lambda: any(p['verdict'] == 'measured' for p in passes[before:]),

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from stereo_speed.nodes.health import WARN  # noqa: E402, I100
+from stereo_speed.nodes.measuring_thread import MeasuringThread  # noqa: E402
 from stereo_speed.nodes.tracker import TrackerNode  # noqa: E402
 from stereo_speed.nodes.worker import Worker  # noqa: E402
 from stereo_speed.pipeline.conclusions import OnlyHereError  # noqa: E402
@@ -38,9 +39,9 @@ class Failing:
 
 def given(node, error):
     """Give a node a failing process for its passes, and return it."""
-    process, measuring = Failing(error), node.measuring
-    measuring._passer = Worker('measures passes', lambda: process, measuring.log)
-    measuring._passer.start(), measuring._passer.wait()
+    process, workers = Failing(error), node.measuring.context.workers
+    workers.passer = Worker('measures passes', lambda: process, node.measuring.log)
+    workers.passer.start(), workers.passer.wait()
     return process
 
 
@@ -59,7 +60,7 @@ def test_each_state_and_a_jump_of_time_are_reported(node):
     assert 'inactive' not in measuring.state().message
     assert 'not checked yet' in measuring.stamps().message  # and none are said to be right
     for ns in (6, 5):
-        measuring._mind_time(SimpleNamespace(reset=lambda: None), ns)
+        measuring.thread._mind_time(SimpleNamespace(reset=lambda: None), ns)
     state = measuring.state()
     assert state.values['resets'] == 1 and 'stamps jumped back' in state.message
     node.trigger_deactivate()
@@ -70,33 +71,33 @@ def test_pairs_that_come_long_before_the_calibration_are_not_told_as_overload(no
     """The newest 50 are kept; the machine keeps up all the while."""
     node.trigger_configure()
     node.trigger_activate()
-    measuring = node.measuring
+    measuring, thread = node.measuring, node.measuring.thread
     for k in range(60):
-        measuring._take(SimpleNamespace(ns=k, index=k, came_s=0.0))
-    assert (measuring.counts.early.total, measuring.counts.skipped.total) == (10, 0)
-    assert [arrival.ns for arrival in measuring._waiting] == list(range(10, 60))
+        thread._take(SimpleNamespace(ns=k, index=k, came_s=0.0))
+    assert (thread._counts.early.total, thread._counts.skipped.total) == (10, 0)
+    assert [arrival.ns for arrival in thread._waiting] == list(range(10, 60))
     assert 'pairs were too old when measuring began: 10' in measuring.state().message
-    measuring._waiting.clear()
+    thread._waiting.clear()
 
 
 @pytest.mark.parametrize('fails', [False, True])
 def test_pipeline_is_told_the_stamps_of_skipped_pairs(node, fails):
     """Whatever happens, none of them ends the node."""
     node.trigger_configure()
-    measuring, told = node.measuring, []
+    thread = MeasuringThread(node.measuring.context, node.measuring.configured)
+    counts, told = node.measuring.context.counts, []
 
     def pass_over(ns):
         told.append(ns)
         if fails:
             raise RuntimeError('some error')
-    measuring.pipeline = SimpleNamespace(
+    thread.pipeline = SimpleNamespace(
         pass_over=pass_over, reset=partial(told.append, 'reset'), finish=list)
     for ns in (5, 7, 6):
-        measuring._pass_over(ns)
+        thread._pass_over(ns)
     failed = ['reset'] * fails
     assert told == [5, *failed, 7, *failed, 'reset', 6, *failed]  # time jumped back to 6
-    assert (measuring.counts.resets.total, measuring.counts.failed.total) == (1, 3 * fails)
-    measuring.pipeline = None
+    assert (counts.resets.total, counts.failed.total) == (1, 3 * fails)
 
 
 @pytest.mark.parametrize(('every', 'told'), [(3, False), (1, True)])
@@ -104,8 +105,8 @@ def test_hurrying_most_pairs_is_reported(node, every, told):
     node.trigger_configure()
     node.trigger_activate()
     for k in range(30):
-        node.measuring.counts.measured.add()
-        node.measuring.counts.hurried.add(k % every == 0)
+        node.measuring.context.counts.measured.add()
+        node.measuring.context.counts.hurried.add(k % every == 0)
     state = node.measuring.state()
     assert ('measuring barely keeps up: most pairs are hurried' in state.message) is told
     assert state.level == WARN or not told
@@ -116,7 +117,7 @@ def test_with_hurrying_disabled_no_pair_is_hurried(in_process, sample):
         node.trigger_configure()
         node.trigger_activate()
         node.trigger_deactivate()  # its thread takes no pairs from here on
-        queue, now_s = node.measuring.queue, [0.0]
+        queue, now_s = node.measuring.thread.queue, [0.0]
         queue._clock = lambda: now_s[0]
         queue.put('pair', 0)
         now_s[0] = 1.0
@@ -125,20 +126,21 @@ def test_with_hurrying_disabled_no_pair_is_hurried(in_process, sample):
 
 def test_pass_that_cannot_be_sent_to_the_process_is_measured_here(node):
     process = given(node, OnlyHereError('cannot be pickled'))
+    workers = node.measuring.context.workers
     for _ in range(2):
-        assert node.measuring._measured(lambda: 'result') == 'result'
-    assert (process.asked, process.closed, node.measuring._passer.fault) == (2, False, '')
+        assert workers.measured(lambda: 'result') == 'result'
+    assert (process.asked, process.closed, workers.passer.fault) == (2, False, '')
 
 
 def test_failed_pass_process_is_closed_reported_and_not_used_again(node):
     process = given(node, PassProcessError('it has ended'))
     for _ in range(2):
-        assert node.measuring._measured(lambda: 'result') == 'result'
+        assert node.measuring.context.workers.measured(lambda: 'result') == 'result'
     assert (process.asked, process.closed) == (1, True)
     node.trigger_configure()
     node.trigger_activate()
     given(node, PassProcessError('it has ended'))
-    node.measuring._measured(lambda: 'result')
+    node.measuring.context.workers.measured(lambda: 'result')
     state = node.measuring.state()
     assert state.level == WARN
     assert 'measures passes without a separate process: it has ended' in state.message
