@@ -102,5 +102,5 @@ screenshots: browser
 	$(ONE_THREAD) $(PY) tools/screenshots.py docs
 
 clean:
-	rm -rf $(VENV) .venv-* build install log out .pytest_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(VENV).lock .venv-* build install log out .pytest_cache .mypy_cache .hypothesis
 	find stereo_speed test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

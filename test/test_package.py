@@ -146,6 +146,22 @@ def test_shell_scripts_parse():
         subprocess.run(['bash', '-n', str(ROOT / script)], check=True)
 
 
+def test_environment_is_made_once_by_two_targets_at_once(tmp_path):
+    log, venv, python = (tmp_path / name for name in ('log', 'venv', 'python'))
+    python.write_text(f"""#!/bin/bash
+        case "$*" in
+            *version_info*:2*) echo 3.12 ;;
+            '-m venv '*) mkdir -p {venv}/bin && cp "$0" {venv}/bin/python ;;
+            *' pip install '*) echo begun >> {log}; sleep 1; echo done >> {log} ;;
+            *purelib*) echo {venv} ;;
+        esac""")
+    python.chmod(0o755)
+    both = [subprocess.Popen(['bash', str(ROOT / 'tools/venv.sh'), str(python), str(venv)])
+            for _ in range(2)]
+    assert [one.wait(60) for one in both] == [0, 0]
+    assert log.read_text().split() == ['begun', 'done']
+
+
 @pytest.mark.parametrize(('pin', 'status'), [('{}', 0), ('0.{}', 1)])
 def test_versions_equal_those_pinned_in_a_file(tmp_path, capsys, pin, status):
     pins = tmp_path / 'pins.txt'

@@ -20,12 +20,15 @@ pins() {
     cat "$versions"
 }
 wanted() { echo "python $version at $PWD"; pins; }
-if wanted | cmp -s - "$venv/stamp" && "$venv/bin/python" -c '' 2>/dev/null; then
-    exit 0
-fi
+is_made() { wanted | cmp -s - "$venv/stamp" && "$venv/bin/python" -c '' 2>/dev/null; }
+is_made && exit 0
 "$python" -c 'import ensurepip, venv' 2>/dev/null ||
     fail "$python has no venv with pip; on Debian and Ubuntu: apt-get install python3-venv"
 
+# Two targets may be made at once; the second waits until the first has made the environment.
+exec 9> "$venv.lock"
+flock --wait 900 9 || fail "another make has been making $venv for 15 minutes"
+is_made && exit 0
 echo "making $venv with Python $version (a minute or two)"
 rm -rf "$venv"
 "$python" -m venv "$venv"
