@@ -158,7 +158,11 @@ def test_environment_is_made_once_by_two_targets_at_once(tmp_path):
     python.chmod(0o755)
     both = [subprocess.Popen(['bash', str(ROOT / 'tools/venv.sh'), str(python), str(venv)])
             for _ in range(2)]
-    assert [one.wait(60) for one in both] == [0, 0]
+    try:
+        assert [one.wait(60) for one in both] == [0, 0]
+    finally:
+        for one in both:
+            one.kill()
     assert log.read_text().split() == ['begun', 'done']
 
 

@@ -27,7 +27,10 @@ is_made && exit 0
 
 # Two targets may be made at once; the second waits until the first has made the environment.
 exec 9> "$venv.lock"
-flock --wait 900 9 || fail "another make has been making $venv for 15 minutes"
+flock --nonblock 9 || {
+    echo "waiting until another make has made $venv"
+    flock --wait 900 9 || fail "another make has been making $venv for 15 minutes"
+}
 is_made && exit 0
 echo "making $venv with Python $version (a minute or two)"
 rm -rf "$venv"

@@ -6,11 +6,11 @@ from __future__ import annotations
 from typing import Optional
 
 from .health import ERROR, Repeats, State, WARN
-from .measuring_context import Configured, MeasuringContext
+from .measuring_context import Configuration, MeasuringContext
 from .order_watch import OrderWatch
 from ..core.records import StereoPair
 from ..geometry.rig import StereoRig
-from ..site.calibration_age import calibration_age, CalibrationAge
+from ..site.calibration_age import calibration_age
 from ..steadying.steadier import Steadier
 
 
@@ -23,50 +23,53 @@ class Admission:
     has not passed.
 
     :param context: what the node's threads share.
-    :param configured: its configuration.
+    :param configuration: its configuration.
     """
 
-    def __init__(self, context: MeasuringContext, configured: Configured) -> None:
-        self._context, self._configured = context, configured
+    def __init__(self, context: MeasuringContext, configuration: Configuration) -> None:
+        self._context, self._configuration = context, configuration
         self._repeats = (Repeats(), Repeats())
-        self._order, self._age = OrderWatch(), CalibrationAge()
+        self._order = OrderWatch()
 
     def begin(self, rig: StereoRig, pair: StereoPair) -> None:
         """Begin to check the order of the views, before the first pair is to be measured."""
         self._order.begin(rig, pair)
 
-    def withholds(self, pair: StereoPair, version: int, steadier: Optional[Steadier]) -> bool:
+    def admit(self, pair: StereoPair, version: int, steadier: Optional[Steadier]) -> bool:
         """
-        Return whether a pair must not be measured, and show it to the watch over the rig.
+        Return whether a pair may be measured; count it if not.
+
+        Pairs with new images are shown to the watch over the rig in either case.
 
         :param pair: the next pair.
         :param version: number of the calibration that measuring uses.
         :param steadier: follows the rig's rotation; None if nothing does.
         """
-        context, configured = self._context, self._configured
+        context, configuration = self._context, self._configuration
         same = [r.add(image) for r, image in zip(self._repeats, (pair.left, pair.right))]
         context.counts.frozen.add(any(same))
         if not any(same):
             context.rig_watch.take(pair, None if steadier is None else steadier.rest)
-        self._age = calibration_age(
-            configured.site.calibrated, pair.stamp_ns, context.settings.calibration_months)
-        moot = (not configured.calibration.holds(version) or self._is_crossed(pair)
+        configuration.age = calibration_age(
+            configuration.site.calibrated, pair.stamp_ns, context.settings.calibration_months)
+        moot = (not configuration.calibration.holds(version) or self._is_crossed(pair)
                 or context.self_test.withholds or context.rig_watch.withholds
-                or self._age.expired)
+                or configuration.age.expired)
         context.counts.withheld += moot
-        return any(same) or moot
+        return not (any(same) or moot)
 
     def _is_crossed(self, pair: StereoPair) -> bool:
         """Return whether the views are swapped."""
-        rig = self._configured.calibration.current[1]
+        rig = self._configuration.calibration.current[1]
         return self._order.crossed if rig is None else self._order.take(rig, pair)
 
     def tell(self, state: State) -> None:
-        """Add why pairs are withheld to a state, where nothing else reports it."""
+        """Add swapped views, and the age of the calibration, to a state."""
+        age = self._configuration.age
         if self._order.crossed:
             state.find(ERROR, 'the views are swapped: nothing is measured')
-        if self._age.text:
-            state.find(ERROR if self._age.expired else WARN, self._age.text)
+        if age.text:
+            state.find(ERROR if age.expired else WARN, age.text)
 
     def close(self) -> None:
         """Shut down the thread that checks the order of the views."""

@@ -7,8 +7,7 @@ A message that is not a calibration is refused. A calibration that differs from 
 accepted once it has been repeated, or not been contradicted for some time. Until then, or until
 the known one arrives again, nothing is measured.
 
-Only the thread of the node processes messages; the measuring thread only reads ``current`` and
-calls ``holds``.
+Only the thread of the node processes messages; the measuring thread only reads.
 """
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from typing import Callable, Optional
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from .boxes import boxes_from_message, BOXES_TOPIC
@@ -23,7 +24,7 @@ from .common import Parameters, qos_options, RELIABLE, stamp_ns
 from .diagnostics import Task
 from .health import Refusals, State, WARN
 from .helpers import Helpers
-from .measuring_context import Configured, MeasuringContext
+from .measuring_context import Configuration, MeasuringContext
 from .measuring_settings import MeasuringSettings
 from .measuring_thread import MeasuringThread
 from .measuring_workers import MeasuringWorkers
@@ -53,7 +54,7 @@ class Measuring:
 
     Its methods follow the lifecycle of the node: ``configure`` reads the site and subscribes to
     calibrations, ``activate`` measures, ``deactivate`` ends all passes, ``cleanup`` discards the
-    configuration. Track numbers continue across all of these.
+    configuration, ``close`` ends the rest. Track numbers continue across all but the last.
 
     :param node: the node that it works for.
     :param p: declares the parameters.
@@ -68,14 +69,15 @@ class Measuring:
         settings = MeasuringSettings.declare(node, p)
         node.unused_parameters = settings.unused  # parameter files contain them all the same
         self.context = MeasuringContext(
-            self.log, settings, outputs,
-            MeasuringWorkers(Helpers() if helpers is None else helpers, self.log),
-            SelfTestWatch(node, p, settings.config), RigWatch(p, self.log),
-            Refusals(self.log.warning))
+            log=self.log, settings=settings, outputs=outputs,
+            workers=MeasuringWorkers(Helpers() if helpers is None else helpers, self.log),
+            self_test=SelfTestWatch(node, p, settings.config), rig_watch=RigWatch(p, self.log),
+            refusals=Refusals(self.log.warning))
         self.info_heard: list[Callable[[str, CameraInfo], None]] = []  # further callbacks
-        self.configured: Optional[Configured] = None
+        self.configuration: Optional[Configuration] = None
         self.thread: Optional[MeasuringThread] = None
         self._infos: list[OfferedSubscription] = []
+        self._checks: Optional[Timer] = None
         self._boxes: Optional[Subscription] = None
 
     @property
@@ -100,14 +102,14 @@ class Measuring:
             searches=settings.detector_process and annotations is None
             and DETECTORS.load(settings.config.detector) is PlaneSweepDetector,
             measures=settings.pass_process)
-        self.configured = Configured(site, annotations, CalibrationWatch(self.context.refusals))
-        self._infos = [
-            OfferedSubscription(self.node, CameraInfo, f'{side}/camera_info',
-                                partial(self._on_info, self.configured.calibration, side))
-            for side in ('left', 'right')]
-        self._checks = self.node.create_timer(
-            _POLL_S, partial(self.check, self.configured.calibration),
-            clock=Clock(clock_type=ClockType.STEADY_TIME))
+        calibration = CalibrationWatch(self.context.refusals)
+        for side in ('left', 'right'):  # if the second fails, cleanup closes the first
+            self._infos.append(OfferedSubscription(
+                self.node, CameraInfo, f'{side}/camera_info',
+                partial(self._on_info, calibration, side)))
+        self._checks = self.node.create_timer(_POLL_S, partial(self.check, calibration),
+                                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.configuration = Configuration(site, annotations, calibration)
 
     def _on_info(self, calibration: CalibrationWatch, side: str, msg: CameraInfo) -> None:
         calibration.take(side, msg)
@@ -121,7 +123,7 @@ class Measuring:
         :raises MeasuringError: the node is not configured, or the passes of the last activation
             are still being measured.
         """
-        if self.configured is None:
+        if self.configuration is None:
             raise MeasuringError('not configured')
         if self.thread is not None and self.thread.alive:
             raise MeasuringError('the last passes are still being measured')
@@ -129,13 +131,13 @@ class Measuring:
         if self.thread is not None:  # the last activation may have left garbage
             gc.collect()
         gc.freeze()  # present objects stay; scanning them takes a tenth of a second each time
-        thread = MeasuringThread(self.context, self.configured)
+        thread = MeasuringThread(self.context, self.configuration)
         if hasattr(DETECTORS.load(self.context.settings.config.detector), 'offer'):
             self._boxes = self.node.create_subscription(
                 PointCloud2, BOXES_TOPIC, partial(self.on_boxes, thread), RELIABLE,
                 qos_overriding_options=qos_options())
-        self.thread = thread
         thread.start()
+        self.thread = thread
 
     def deactivate(self) -> None:
         """End the passes that are still open, and stop measuring."""
@@ -149,15 +151,14 @@ class Measuring:
     def cleanup(self) -> None:
         """Discard the site and the calibrations."""
         self.context.workers.close()
-        if self.configured is None:
-            return
-        self.node.destroy_timer(self._checks)
+        if self._checks is not None:
+            self.node.destroy_timer(self._checks)
         for subscription in self._infos:
             subscription.close()
-        self.configured, self._infos = None, []
+        self.configuration, self._checks, self._infos = None, None, []
 
     def close(self) -> None:
-        """End what works beside the measuring, because the node stops."""
+        """End self-tests and publishers of a node that is cleaned up, because it stops."""
         self.context.self_test.close()
         self.context.outputs.close()
 
@@ -192,7 +193,7 @@ class Measuring:
         if self.thread is not None and self.thread.active:
             return self.thread.state()
         state = State('measuring')
-        state.find(WARN, 'not configured' if self.configured is None else 'inactive')
+        state.find(WARN, 'not configured' if self.configuration is None else 'inactive')
         return state
 
     def stamps(self) -> State:

@@ -17,10 +17,11 @@ from .outputs import Outputs
 from .rig_watch import RigWatch
 from .self_test import SelfTestWatch
 from ..core.records import InitialFront
+from ..site.calibration_age import CalibrationAge
 from ..site.file import Site
 
 
-@dataclass
+@dataclass(eq=False)
 class MeasuringContext:
     """
     What a measuring node has from its start to its end.
@@ -39,19 +40,23 @@ class MeasuringContext:
     next_track: int = 0
 
 
-@dataclass
-class Configured:
+@dataclass(eq=False)
+class Configuration:
     """
     What a measuring node has from its configuration until that is discarded.
 
     :param site: the site as read.
     :param annotations: vehicles that a person annotated; None to have them detected.
     :param calibration: the rig, from the messages of the cameras.
+    :param age: consequences of the age of the site's calibration, at the newest pair.
     :param begun: whether measuring has begun; a rig that does not fit the site ends the node until
         then, and later ones do not.
+
+    The measuring thread sets the last two.
     """
 
     site: Site
     annotations: Optional[tuple[InitialFront, ...]]
     calibration: CalibrationWatch
+    age: CalibrationAge = CalibrationAge()
     begun: bool = False

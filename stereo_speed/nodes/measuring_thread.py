@@ -22,7 +22,7 @@ from typing import Callable, Optional, Sequence
 
 from .admission import Admission
 from .health import Arrivals, ERROR, State, WARN
-from .measuring_context import Configured, MeasuringContext
+from .measuring_context import Configuration, MeasuringContext
 from .measuring_settings import MOST_REFINE_PAIRS
 from .measuring_state import ClockSteps, tell_stamps, tell_steadiness
 from .pair_queue import PairQueue
@@ -35,10 +35,9 @@ from ..pipeline.conclusions import Beside
 from ..pipeline.pipeline import SpeedPipeline
 from ..pipeline.solving import SolvingBeside
 from ..site.refine.report import report, summary_lines
-from ..steadying.steadier import Steadier
 
 _WAITING_PAIRS = 50  # number of pairs kept until both calibrations have arrived
-_POLL_S = 0.1
+_WAIT_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +64,14 @@ class MeasuringThread:
     The node's thread calls ``start``, ``offer``, ``offer_boxes``, ``stop`` and what reports.
 
     :param context: what the node's threads share.
-    :param configured: its configuration.
+    :param configuration: its configuration.
     """
 
-    def __init__(self, context: MeasuringContext, configured: Configured) -> None:
-        self._context, self._configured = context, configured
+    def __init__(self, context: MeasuringContext, configuration: Configuration) -> None:
+        self._context, self._configuration = context, configuration
         self._log, self._outputs, self._workers = context.log, context.outputs, context.workers
         self._refusals, self._counts = context.refusals, context.counts
-        self._calibration, self._rig_watch = configured.calibration, context.rig_watch
+        self._calibration, self._rig_watch = configuration.calibration, context.rig_watch
         self._settings = settings = context.settings
         self._config = settings.config
         self.queue: PairQueue[_Arrival] = PairQueue(
@@ -85,10 +84,9 @@ class MeasuringThread:
         self._waiting: deque[_Arrival] = deque(maxlen=max(_WAITING_PAIRS, settings.refine_pairs))
         self._boxes: deque[tuple[int, list[ImageBox]]] = deque(maxlen=_WAITING_PAIRS)
         self._index, self._offered_ns, self._last_ns = 0, -1, -1
-        self._admission, self._arrivals = Admission(context, configured), Arrivals()
+        self._admission, self._arrivals = Admission(context, configuration), Arrivals()
         self._steps = ClockSteps()
         self._rig_moved = False
-        self._counts.latencies_s.clear()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name='measuring', daemon=True)
 
@@ -106,6 +104,7 @@ class MeasuringThread:
 
     def start(self) -> None:
         """Start to measure."""
+        self._counts.latencies_s.clear()
         self._thread.start()
 
     def offer(self, ns: int, pair: Callable[[int], StereoPair]) -> None:
@@ -150,7 +149,7 @@ class MeasuringThread:
                     self._tell_passes(self.pipeline, self.pipeline.concluded())
                 if not len(self.queue) or self._outputs.static_is_overdue:
                     self._outputs.publish_static()
-                arrival = self._next(_POLL_S)
+                arrival = self._next(_WAIT_S)
                 if arrival is not None:
                     self._take(arrival)
                 elif self._arrivals.silent_for(self._settings.silence_s):
@@ -244,10 +243,10 @@ class MeasuringThread:
             first = self._waiting[0]
             self._admission.begin(rig, first.pair(first.index))  # runs while the pipeline is made
         try:
-            place = MeasuringSite.of(self._configured.site, rig, pairs, self._config.site)
+            place = MeasuringSite.of(self._configuration.site, rig, pairs, self._config.site)
             pipeline = self._measure_at(place)
         except StereoSpeedError as error:
-            if not self._configured.begun:
+            if not self._configuration.begun:
                 raise  # the configuration is wrong
             self._unusable = str(error)
             self._waiting.clear()
@@ -274,12 +273,12 @@ class MeasuringThread:
         conclusions = Beside(failed=self._pass_failed, measured=self._workers.measured)
         solving = SolvingBeside() if self._settings.hurry else None
         pipeline = place.pipeline(
-            self._config, self._configured.annotations, conclusions=conclusions, solving=solving,
-            detect=self._workers.detector(), seed=self._settings.seed,
+            self._config, self._configuration.annotations, conclusions=conclusions,
+            solving=solving, detect=self._workers.detector(), seed=self._settings.seed,
             where=self._settings.init_path)
         self._give_up()
         pipeline.next_track, self.pipeline = self._context.next_track, pipeline
-        self._configured.begun = True
+        self._configuration.begun = True
         self._conclusions, self._solving = conclusions, solving
         self._outputs.begin(pipeline, place, self._config)
         self._rig_watch.begin(place, self._config.site, corrected)
@@ -305,10 +304,10 @@ class MeasuringThread:
         """Run the pipeline on a pair and publish the results."""
         self._mind_time(pipeline, arrival.ns)
         pair = self._pair_of(arrival)
-        withheld = pair is not None and self._admission.withholds(
-            pair, self._adopted, self._steadier)
+        admitted = pair is not None and self._admission.admit(
+            pair, self._adopted, pipeline.doubt.steadier)
         self._mind_rig(pipeline)
-        if pair is None or withheld:
+        if pair is None or not admitted:
             self._tell_stamp(pipeline, arrival.ns)
             return
         detector = pipeline.detector
@@ -329,10 +328,6 @@ class MeasuringThread:
         self._outputs.tell(pipeline, pair, step)
         self._counts.measured.add()
         self._counts.latencies_s.append(time.monotonic() - arrival.came_s)
-
-    @property
-    def _steadier(self) -> Optional[Steadier]:
-        return None if self.pipeline is None else self.pipeline.doubt.steadier
 
     def _mind_rig(self, pipeline: SpeedPipeline) -> None:
         """Reject open passes if a look has just found that the rig has moved."""
@@ -385,11 +380,11 @@ class MeasuringThread:
         self._counts.failed.add()
         self._refusals.add('pass', f'a pass has no result: {error!r}')
 
-    # -- reports, in the thread of the node -------------------------------------------------
+    # -- in either thread -------------------------------------------------------------------
 
     def state(self) -> State:
         """Return the state of the measurement for ``/diagnostics``."""
-        state, conclusions = State('measuring'), self._conclusions
+        state, conclusions, pipeline = State('measuring'), self._conclusions, self.pipeline
         self._arrivals.tell(state, 'pair', 'pair')
         state.values.update(
             run=self._outputs.run, waiting=len(self._waiting) + len(self.queue),
@@ -397,7 +392,7 @@ class MeasuringThread:
         self._calibration.tell(state)
         if self._unusable:
             state.find(ERROR, self._unusable)
-        if self.pipeline is None and self._calibration.current[1] is not None \
+        if pipeline is None and self._calibration.current[1] is not None \
                 and self._settings.refine_pairs:
             state.find(WARN, 'waiting to refine the site')
         self._admission.tell(state)
@@ -405,8 +400,8 @@ class MeasuringThread:
         for fault in self._workers.faults:
             state.find(WARN, fault)
         self._refusals.tell(state)
-        if self._steadier is not None:
-            tell_steadiness(self._steadier, state)
+        if pipeline is not None and pipeline.doubt.steadier is not None:
+            tell_steadiness(pipeline.doubt.steadier, state)
         return state
 
     def stamps(self) -> State:

@@ -3,7 +3,8 @@
 """
 ``tracker_node``: synchronized pairs in, tracks, passes, markers and an overlay out.
 
-The measuring is in ``measuring``, the publishers in ``outputs``, the lifecycle in ``lifecycle``.
+The measuring is in ``measuring_thread``, the publishers in ``outputs``, the lifecycle in
+``lifecycle``.
 """
 from __future__ import annotations
 

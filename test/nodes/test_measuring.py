@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from stereo_speed.nodes.health import WARN  # noqa: E402, I100
+from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402, I100
+from stereo_speed.nodes.health import WARN  # noqa: E402
 from stereo_speed.nodes.measuring_thread import MeasuringThread  # noqa: E402
 from stereo_speed.nodes.tracker import TrackerNode  # noqa: E402
 from stereo_speed.nodes.worker import Worker  # noqa: E402
@@ -84,7 +85,7 @@ def test_pairs_that_come_long_before_the_calibration_are_not_told_as_overload(no
 def test_pipeline_is_told_the_stamps_of_skipped_pairs(node, fails):
     """Whatever happens, none of them ends the node."""
     node.trigger_configure()
-    thread = MeasuringThread(node.measuring.context, node.measuring.configured)
+    thread = MeasuringThread(node.measuring.context, node.measuring.configuration)
     counts, told = node.measuring.context.counts, []
 
     def pass_over(ns):
@@ -145,3 +146,12 @@ def test_failed_pass_process_is_closed_reported_and_not_used_again(node):
     assert state.level == WARN
     assert 'measures passes without a separate process: it has ended' in state.message
     node.trigger_deactivate()
+
+
+def test_configuring_that_fails_midway_leaves_the_node_as_it_was(in_process, sample):
+    wrong = 'qos_overrides./right/camera_info.subscription.depth:=deep'
+    with in_process(TrackerNode, f'site:={sample / "site.yaml"}', wrong) as node:
+        assert node.trigger_configure() is TransitionCallbackReturn.ERROR
+        assert 'deep' in str(node._error)
+        assert node.measuring.state().message == 'not configured'
+        assert node.measuring._infos == [] and node.count_subscribers('/left/camera_info') == 0
