@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--outdoors', nargs='*', metavar='HEADING=KIND',
         help='bodies with depth, lamps that clip, sun, wet nights and faults of cameras, instead '
              'of painted fronts; HEADING=KIND fixes one, such as vehicle=bus or fault=none')
+    add('--braking', action='store_true',
+        help='every vehicle brakes at 2 to 8 m/s^2, or accelerates at 1 to 3, from some moment in '
+             'view; else speeds are constant')
     add('--detect', action='store_true', help='detect the vehicles instead of annotating them')
     add_job_options(parser)
 
@@ -55,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
                          pan_deg=args.pan_deg, tolerances=args.tolerances, sway_deg=args.sway_deg,
                          changes={'particles': args.particles}, outdoors=held_kinds(args.outdoors),
-                         detect=args.detect)
+                         detect=args.detect, braking=args.braking)
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
     passes = gather(jobs, results)

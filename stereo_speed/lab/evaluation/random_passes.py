@@ -13,6 +13,7 @@ from typing import Mapping, Optional
 
 import numpy as np
 
+from .drivers import HEADING, with_driver
 from .outdoors import draw_outdoors
 from ..sim.config import RIGS, RoadConfig, SimConfig, VehicleConfig
 from ..sim.scene import SimScene
@@ -48,7 +49,8 @@ class RandomPass:
 
 
 def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float = 0.0,
-              outdoors: Optional[Mapping[str, str]] = None) -> RandomPass:
+              outdoors: Optional[Mapping[str, str]] = None, braking: bool = False
+              ) -> RandomPass:
     """
     Draw a pass.
 
@@ -65,6 +67,7 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
     :param sway_deg: 1-sigma of each angle of the rig in each pair.
     :param outdoors: also draw bodies, lamps, light and camera faults, except for the fixed kinds
         in it: heading to kind. None for fronts with relief in even light, as above.
+    :param braking: whether each driver brakes or accelerates while in view.
     """
     for attempt in range(_MOST_ATTEMPTS):
         drawn = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
@@ -73,6 +76,10 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
             config, kinds = draw_outdoors(drawn.config, number, outdoors, np.random.default_rng(
                 [seed, number, attempt, 1]))
             drawn = replace(drawn, config=config, kinds={**kinds, **drawn.kinds})
+        if braking:
+            config, driver = with_driver(drawn.config, np.random.default_rng(
+                [seed, number, attempt, 2]))
+            drawn = replace(drawn, config=config, kinds={**drawn.kinds, HEADING: driver})
         if _is_in_view(drawn.config, seed):
             return replace(drawn, config=replace(drawn.config, sway_deg=sway_deg))
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')

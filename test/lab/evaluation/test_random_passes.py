@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,3 +66,24 @@ def test_sites_of_passes_are_readable(tmp_path):
 def test_pan_rotates_the_right_camera_to_either_side():
     pans = {draw_pass(3, n, pan_deg=0.02).config.rig_moved_deg for n in range(12)}
     assert pans == {(0.02, 0.0, 0.0), (-0.02, 0.0, 0.0)}
+
+
+def test_drivers_brake_or_accelerate_in_view_on_the_same_roads():
+    """All speeds begin as without, change at the given rates, and stay above walking pace."""
+    kinds = Counter()
+    for number, plain in enumerate(DRAWN):
+        drawn = draw_pass(3, number, braking=True)
+        kind, vehicle = drawn.kinds['driver'], drawn.config.vehicles[0]
+        kinds[kind] += 1
+        assert replace(vehicle, speed_knots=()) == plain.config.vehicles[0]
+        assert replace(drawn.config, vehicles=plain.config.vehicles) == plain.config
+        t, v = np.array(vehicle.speed_knots).T
+        assert (np.diff(t) > 0).all() and v[0] == v[1] == vehicle.speed_mps and v.min() > 1.99
+        seen_s = (plain.config.start_m - plain.config.near_m) / vehicle.speed_mps
+        assert 0.1 * seen_s <= t[1] <= 0.7 * seen_s
+        accel = np.diff(v) / np.diff(t)
+        low, high = {'brakes hard': (-8, -5), 'brakes': (-5, -2), 'accelerates': (1, 3)}[kind]
+        assert low <= accel[-1] <= high
+        assert accel[1:-1] == pytest.approx(accel[-1] * np.arange(0.1, 1.0, 0.2))  # builds up
+        assert t[-2] - t[1] == pytest.approx(0.25)
+    assert min(kinds.values()) > 10 and kinds['accelerates'] < 40
