@@ -11,7 +11,7 @@ cross-sections of each segment of the line are combined, with a 1-sigma from the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Mapping, NamedTuple, Optional
+from typing import Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -109,6 +109,31 @@ class _Candidate(NamedTuple):
     usual: float
 
 
+class _Candidates(NamedTuple):
+    """
+    What may be a line in one view.
+
+    :param bands: best light and best dark band.
+    :param edges: edge that is lighter on its left, and on its right.
+    :param least: least usual contrast of a line that is there, grey levels.
+    """
+
+    bands: Sequence[_Candidate]
+    edges: Sequence[_Candidate]
+    least: float
+
+    def is_seen(self, one: _Candidate) -> bool:
+        """Return whether the contrast of a candidate is that of a line."""
+        return one.usual >= (self.least if one.shape.kind == EDGE else max(
+            self.least, BAND_SHARE * _highest(self.edges).usual))
+
+    @property
+    def best(self) -> Optional[_Candidate]:
+        """Return a band if there is one, else an edge."""
+        return next((one for one in (_highest(self.bands), _highest(self.edges))
+                     if self.is_seen(one)), None)
+
+
 class _Segment(NamedTuple):
     """
     The combined cross-sections of a segment of a line.
@@ -137,21 +162,64 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     :param config: parameters of search and measurement.
     :return: None if no marking runs along the rough line.
     """
+    sections = _steady_sections(view, ends_px, config)
+    if sections is None:
+        return None
+    if shape is None:
+        found = _search(view, sections, config).best
+        return None if found is None else _measured(view, sections, found, config)
+    start = np.zeros(len(sections.s_m))
+    x, grey = _read(view, sections, start, shape)
+    contrast = fit_sections(shape, x, grey, sections.px_per_m, start, view.noise_grey).contrast
+    return _measured(view, sections, _Candidate(0.0, shape, start, contrast, 0.0), config)
+
+
+def locate_both(views: Sequence[LineView], ends_px: Sequence[Array],
+                before: Optional[tuple[LocatedLine, LocatedLine]] = None,
+                config: RefineConfig = RefineConfig()
+                ) -> Optional[tuple[LocatedLine, LocatedLine]]:
+    """
+    Find a line in both views, as a line of the same kind.
+
+    Where a shadow lies along a marking, a band may be most conspicuous in one view and an edge in
+    the other. They are not the same place on the road, and a rig whose right camera has rotated
+    would see such a pair.
+
+    :param views: the line in the left and in the right view, as for :func:`locate`.
+    :param ends_px: its approximate ends in each view, as for :func:`locate`.
+    :param before: the line as found along a worse road; None to search for it.
+    :param config: parameters of search and measurement.
+    :return: None if no such marking runs along the rough line in both views.
+    """
+    if before is not None:
+        found = [locate(view, ends, line.shape, config)
+                 for view, ends, line in zip(views, ends_px, before)]
+    else:
+        sections = [_steady_sections(view, ends, config) for view, ends in zip(views, ends_px)]
+        seen = [s for s in sections if s is not None]
+        if len(seen) < 2:
+            return None
+        rough = _of_one_kind([_search(view, s, config) for view, s in zip(views, seen)])
+        found = [_measured(view, s, one, config) for view, s, one in zip(views, seen, rough)]
+    both = [line for line in found if line is not None]
+    return (both[0], both[1]) if len(both) == 2 else None
+
+
+def _steady_sections(view: LineView, ends_px: Array, config: RefineConfig
+                     ) -> Optional[CrossSections]:
+    """Return the cross-sections that nothing moves through; None if these are too few."""
     sections = view.sections(ends_px)
     sections = sections.take(view.steady(sections, config.steady_share))
-    if len(sections.s_m) < 2 * LEAST_SECTIONS:
-        return None
-    scale, start = sections.px_per_m, np.zeros(len(sections.s_m))
-    if shape is None:
-        found = _search(view, sections, config)
-        if found is None:
-            return None
-        shape, start, contrast = found.shape, found.start_m, found.contrast
-    else:
-        x, grey = _read(view, sections, start, shape)
-        contrast = fit_sections(shape, x, grey, scale, start, view.noise_grey).contrast
+    return None if len(sections.s_m) < 2 * LEAST_SECTIONS else sections
+
+
+def _measured(view: LineView, sections: CrossSections, rough: _Candidate, config: RefineConfig
+              ) -> Optional[LocatedLine]:
+    """Return the line measured where a candidate lies; None if too few sections show it."""
+    shape, start, contrast = rough.shape, rough.start_m, rough.contrast
     if not (contrast > 0).any():
         return None
+    scale = sections.px_per_m
     best = _spread_best(contrast, TUNED_SECTIONS)
     x, grey = _read(view, sections.take(best), start[best], shape)
     shape = tuned(shape, x, grey, scale[best], start[best], view.noise_grey)
@@ -168,9 +236,8 @@ def _read(view: LineView, sections: CrossSections, start_m: Array, shape: Shape
     return x, view.read(sections, x)
 
 
-def _search(view: LineView, sections: CrossSections, config: RefineConfig
-            ) -> Optional[_Candidate]:
-    """Return the line found: a band if there is one, else an edge."""
+def _search(view: LineView, sections: CrossSections, config: RefineConfig) -> _Candidates:
+    """Return what may be the line."""
     offsets = view.fit.problem.model.offsets(view.fit.x)
     apart = np.abs(np.delete(offsets, view.line) - offsets[view.line])
     read_m = _READ_SHARE * float(apart.min()) if apart.size else np.inf
@@ -179,16 +246,37 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig
     x = half[:, None] * np.linspace(-1, 1, _SEARCH_SAMPLES)
     grey = view.read(sections, x)
     reach = np.minimum(config.search_px / scale, half)
-    edge, *bands = (max(
-        (_follow(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
+    edges, *bands = (
+        [_follow(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
                  Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
-         for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))),
-        key=lambda candidate: candidate.score) for width in (0.0, *WIDTHS_M))
-    band = max(bands, key=lambda candidate: candidate.score)
-    least = least_contrast_grey(view.noise_grey)
-    if band.usual >= max(least, BAND_SHARE * edge.usual):
-        return band
-    return edge if edge.usual >= least else None
+         for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))]
+        for width in (0.0, *WIDTHS_M))
+    return _Candidates([_highest(of_sign) for of_sign in zip(*bands)], edges,
+                       least_contrast_grey(view.noise_grey))
+
+
+def _of_one_kind(views: Sequence[_Candidates]) -> list[_Candidate]:
+    """
+    Return the best candidate in each view if these are of one kind, else the best pair that is.
+
+    :return: empty if there is no such pair.
+    """
+    best = [view.best for view in views]
+    found = [one for one in best if one is not None]
+    if len(found) < len(best):
+        return []
+    if len({(one.shape.kind, one.shape.sign) for one in found}) == 1:
+        return found
+    for kind in ('bands', 'edges'):
+        pairs = [list(pair) for pair in zip(*(getattr(view, kind) for view in views))
+                 if all(view.is_seen(one) for view, one in zip(views, pair))]
+        if pairs:
+            return max(pairs, key=lambda pair: sum(one.score for one in pair))
+    return []
+
+
+def _highest(candidates: Sequence[_Candidate]) -> _Candidate:
+    return max(candidates, key=lambda candidate: candidate.score)
 
 
 def _follow(x: Array, contrast: Array, sections: CrossSections, shape: Shape,

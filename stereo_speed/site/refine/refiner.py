@@ -23,7 +23,7 @@ from .disagreement import disagreement, KeptClicks, off_road_px
 from .empty_road import Background, backgrounds
 from .equal_sharpness import equally_sharp
 from .extrinsic_drift import decide_drift, Drift, FamilyDrift
-from .markings import Found, locate
+from .markings import Found, locate_both
 from .rig_check import Epipolar, epipolar_check
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
@@ -230,12 +230,11 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
             before = found.get(name)
             if name in known or (number and before is None):
                 continue
-            left, right = (
-                locate(LineView.of(fit, i, bool(r), views[r]),
-                       site.picked[name].views_px[r][[0, -1]], before[r].shape if before else None,
-                       config) for r in (0, 1))
-            if left is not None and right is not None:
-                found[name] = left, right
+            both = [LineView.of(fit, i, bool(r), views[r]) for r in (0, 1)]
+            ends_px = [uv[[0, -1]] for uv in site.picked[name].views_px]
+            line = locate_both(both, ends_px, before, config)
+            if line is not None:
+                found[name] = line
     return fit, found
 
 
