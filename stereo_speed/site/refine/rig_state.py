@@ -9,14 +9,15 @@ on may be used for measuring.
 """
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
-from typing import Iterable, Mapping, Optional
+from typing import Iterable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
 from .config import RefineConfig
-from .refiner import refine_site
+from .refiner import refine_site, RefinedSite
 from .speed_effect import lane_speed_std, Setup, speed_error
 from ..file import Site
 from ...core.errors import SiteError
@@ -27,6 +28,7 @@ from ...road.problem import RoadPrior
 
 MOST_SHARE = 0.01  # largest relative error of speeds that a self-test allows
 _NO_LIMIT = 100.0  # sigmas that disable the comparison of found lines with their clicks
+_FAR_PX = 50.0  # how far lines are searched for that are not all where they were
 _SIGNIFICANT_SIGMAS = 4.0  # sigmas of the speed error from which a rotated camera counts
 _EXCESS_SIGMAS = 3.0  # sigmas by which an error must exceed the limit
 
@@ -97,11 +99,8 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
     :param followed: rotation of the rig since, which the measurement already accounts for.
     :param suspected: stance found by an earlier look; None if there was none.
     """
-    # Lines beside their clicks must not be dropped here, as they may show that the rig has moved.
-    tolerant = replace(config, clicked_sigmas=_NO_LIMIT, disagreement_sigmas=_NO_LIMIT,
-                       disagreement_factor=_NO_LIMIT)
     try:
-        refined = refine_site(used.site, used.rig, pairs, tolerant, prior)
+        refined = _refined(used, list(pairs), config, prior)
     except SiteError as error:
         return RigState(None, '', f'pose of the rig unknown: {error}')
     if refined.kept_clicks:
@@ -113,6 +112,37 @@ def rig_state(used: Stance, pairs: Iterable[StereoPair], config: RefineConfig = 
     repeated = None if suspected is None else _compared(stance, suspected, refined.drift.moved)
     return replace(state, confirmed=repeated is not None and repeated.share is not None
                    and repeated.share <= MOST_SHARE)
+
+
+def _refined(used: Stance, pairs: Sequence[StereoPair], config: RefineConfig, prior: RoadPrior
+             ) -> RefinedSite:
+    """
+    Return the site as the images show it, near the lines of a stance or, if it is not, beyond.
+
+    Of a rig that has turned by more than lines are searched for, other things are found near
+    some of the lines. Only if all lines are visible elsewhere, that is where they are: in the
+    dark, or behind traffic, what is beside a line would be taken for it.
+
+    :raises SiteError: what is found near the lines gives no road.
+    """
+    # Lines beside their clicks must not be dropped here, as they may show that the rig has moved.
+    tolerant = replace(config, clicked_sigmas=_NO_LIMIT, disagreement_sigmas=_NO_LIMIT,
+                       disagreement_factor=_NO_LIMIT)
+    near: Union[RefinedSite, SiteError]
+    try:
+        near = refine_site(used.site, used.rig, pairs, tolerant, prior)
+    except SiteError as error:
+        near = error
+    lines = set(used.site.picked)
+    if isinstance(near, SiteError) or set(near.found) != lines:
+        with suppress(SiteError):
+            far = refine_site(used.site, used.rig, pairs, replace(
+                tolerant, search_px=max(_FAR_PX, config.search_px)), prior)
+            if set(far.found) == lines:
+                return far
+    if isinstance(near, SiteError):
+        raise near
+    return near
 
 
 def _compared(now: Stance, used: Stance, turned: bool) -> RigState:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from stereo_speed.site.refine.config import RefineConfig
-from stereo_speed.site.refine.markings import locate
+from stereo_speed.site.refine.markings import locate, locate_both
 
 WIDTH_M, ASPHALT = 0.15, 80.0
 
@@ -93,3 +93,31 @@ def test_search_range_is_a_parameter(draw):
 def test_too_short_line_is_not_found(drawn):
     a = ends(drawn, 'right', 0)[0]
     assert locate(drawn.view('right', 0, drawn.image(0)), np.stack([a, a + 3.0])) is None
+
+
+def test_line_in_a_shadows_edge_is_of_one_kind_in_both_views(drawn_off):
+    """Alone, the slightly paler paint of the right view would lose against the edge."""
+    road, views = drawn_off, []
+    for right, paint in enumerate((0.55, 0.42)):
+        band, edge = (road.image(right, **how) - ASPHALT for how in (
+            {'noise': 1.0, 'seed': right}, {'width_m': 0.0}))
+        edge[:62] = 0.0  # the sky
+        views.append(road.view('right', right, ASPHALT + paint * band + 2 * edge))
+    clicked = [ends(road, 'right', right) for right in (0, 1)]
+    alone = [locate(view, uv) for view, uv in zip(views, clicked)]
+    both = locate_both(views, clicked)
+    assert [line.shape.kind for line in alone] == ['band', 'edge']
+    apart, together = (np.diff([np.median(road.off_px('right', line.uv_px, right))
+                                for right, line in enumerate(lines)])[0] for lines in (alone, both))
+    assert both[0].shape.kind == both[1].shape.kind and len(both[0].s_m) > 10
+    assert abs(together) < 0.15 < 1.0 < abs(apart)
+    again = locate_both(views, clicked, both)
+    assert [line.shape.kind for line in again] == [line.shape.kind for line in both]
+
+
+def test_line_that_only_one_view_shows_is_not_found(drawn):
+    clicked = [ends(drawn, 'right', right) for right in (0, 1)]
+    bare = np.full((360, 640), ASPHALT)
+    seen = drawn.view('right', 0, drawn.image(0))
+    assert locate_both([seen, drawn.view('right', 1, bare)], clicked) is None
+    assert locate_both([seen, drawn.view('right', 1, drawn.image(1))], clicked) is not None
