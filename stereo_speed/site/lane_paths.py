@@ -8,11 +8,13 @@ import math
 from typing import Iterable, Mapping, Optional
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .extras import as_calibrated
 from .file import LaneSpec, LEAST_ROAD_M, PickedLine, Site, SurveyedLine, VIEWS
 from ..core.errors import SiteError
 from ..core.records import Array
+from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.curve_matching import match_curves
 from ..road.first_guess import NoRoadError
@@ -186,12 +188,17 @@ def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
                          max((lane.residual_px for lane in on_road.values()), default=0.0))
 
 
+def may_be_picked(camera: Camera, uv_px: Array) -> NDArray[np.bool_]:
+    """Return which raw pixels (n, 2) lie in the image, or 5 px beyond it, and have a ray."""
+    size = np.array([camera.width_px, camera.height_px])
+    inside = ((uv_px >= -MARGIN_PX) & (uv_px <= size - 1 + MARGIN_PX)).all(axis=-1)
+    return np.asarray(inside & np.isfinite(camera.undistort(uv_px)).all(axis=-1))
+
+
 def _refuse_outside(site: Site, line: PickedLine, rig: StereoRig) -> None:
     """Refuse picks outside the image, or for which the lens has no ray."""
     for view, camera, uv in zip(VIEWS, (rig.left, rig.right), line.views_px):
-        size = np.array([camera.width_px, camera.height_px])
-        bad = ((uv < -MARGIN_PX) | (uv > size - 1 + MARGIN_PX)).any(axis=-1)
-        bad |= ~np.isfinite(camera.undistort(uv)).all(axis=-1)
+        bad = ~may_be_picked(camera, uv)
         if bad.any():
             i = int(np.argmax(bad))
             raise SiteError(site.where, f'lines.{line.name}.{view}[{i}]', uv[i].tolist(),

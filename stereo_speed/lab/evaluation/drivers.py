@@ -24,7 +24,7 @@ def with_driver(config: SimConfig, rng: np.random.Generator) -> tuple[SimConfig,
     Return a pass whose vehicle changes its speed, and the kind of its driver.
 
     It begins at a random moment in view. The acceleration builds up linearly over 0.25 s, is
-    constant for 0.8 to 4 s, and ends at once.
+    constant for 0.8 to 4 s, and ends at once.  Speeds may so leave the range of ``draw_pass``.
     """
     vehicle = config.vehicles[0]
     seen_s = (config.start_m - config.near_m) / vehicle.speed_mps

@@ -92,6 +92,24 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     return np.asarray(off_px - matrix @ common)
 
 
+def unlike_rotation_px(road: RoadFit, lines: Mapping[str, Sequence[Array]]) -> Array:
+    """
+    Return the distances (n,) of points from their lines, px, that no rotation of the rig explains.
+
+    :param road: road fitted to the lines as they are seen now.
+    :param lines: (n, 2) raw pixels of each view where the lines were before, by name.
+    """
+    feet = [_Feet.of(road, name, bool(right), uv)
+            for name, views in lines.items() for right, uv in enumerate(views)]
+    off_px = np.concatenate([view.off_px for view in feet])
+    by_rotation = np.concatenate([view.by_rotation(road) for view in feet])
+    seen = np.isfinite(off_px) & np.isfinite(by_rotation).all(axis=1)
+    if not seen.any():
+        return off_px
+    turn_rad = np.linalg.lstsq(by_rotation[seen], off_px[seen], rcond=None)[0]
+    return np.asarray(off_px - by_rotation @ turn_rad)
+
+
 def _half_m(width_m: float) -> float:
     return width_m / 2 if width_m else _KERB_M
 

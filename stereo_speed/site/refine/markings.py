@@ -30,7 +30,8 @@ LEAST_SECTIONS = 4  # fewest cross-sections of a segment, for place, slope and s
 TUNED_SECTIONS = 60  # cross-sections used to find width and blur; more add little
 
 # The search for the line as a whole.
-_SEARCH_SAMPLES = 81  # samples of a cross-section, half a pixel apart
+_SEARCH_SAMPLES = 81  # least number of samples of a cross-section, half a pixel apart or more
+_SAMPLES_PER_PX = 4  # samples per px of a wide search, to either side
 _SIDE_M = 0.4  # width of road read beyond the search range, for the sides of wide bands
 _READ_SHARE = 0.45  # share of the distance to the next line that may be read
 _LEAST_READ_M = 0.3  # width that is read even if lines are closer
@@ -108,6 +109,11 @@ class _Candidate(NamedTuple):
     contrast: Array
     usual: float
 
+    @property
+    def rough(self) -> tuple[Shape, Array, Array]:
+        """Return shape, places and contrasts, to measure the line from."""
+        return self.shape, self.start_m, self.contrast
+
 
 class _Candidates(NamedTuple):
     """
@@ -167,11 +173,11 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
         return None
     if shape is None:
         found = _search(view, sections, config).best
-        return None if found is None else _measured(view, sections, found, config)
+        return None if found is None else _measured(view, sections, *found.rough, config)
     start = np.zeros(len(sections.s_m))
     x, grey = _read(view, sections, start, shape)
     contrast = fit_sections(shape, x, grey, sections.px_per_m, start, view.noise_grey).contrast
-    return _measured(view, sections, _Candidate(0.0, shape, start, contrast, 0.0), config)
+    return _measured(view, sections, shape, start, contrast, config)
 
 
 def locate_both(views: Sequence[LineView], ends_px: Sequence[Array],
@@ -200,7 +206,8 @@ def locate_both(views: Sequence[LineView], ends_px: Sequence[Array],
         if len(seen) < 2:
             return None
         rough = _of_one_kind([_search(view, s, config) for view, s in zip(views, seen)])
-        found = [_measured(view, s, one, config) for view, s, one in zip(views, seen, rough)]
+        found = [_measured(view, s, *one.rough, config)
+                 for view, s, one in zip(views, seen, rough)]
     both = [line for line in found if line is not None]
     return (both[0], both[1]) if len(both) == 2 else None
 
@@ -213,10 +220,14 @@ def _steady_sections(view: LineView, ends_px: Array, config: RefineConfig
     return None if len(sections.s_m) < 2 * LEAST_SECTIONS else sections
 
 
-def _measured(view: LineView, sections: CrossSections, rough: _Candidate, config: RefineConfig
-              ) -> Optional[LocatedLine]:
-    """Return the line measured where a candidate lies; None if too few sections show it."""
-    shape, start, contrast = rough.shape, rough.start_m, rough.contrast
+def _measured(view: LineView, sections: CrossSections, shape: Shape, start: Array,
+              contrast: Array, config: RefineConfig) -> Optional[LocatedLine]:
+    """
+    Return the line measured from about where it is; None if too few sections show it.
+
+    :param start: (n,) about its place on each cross-section, m.
+    :param contrast: (n,) contrast there, grey levels; 0 where it is not seen.
+    """
     if not (contrast > 0).any():
         return None
     scale = sections.px_per_m
@@ -243,7 +254,8 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig) -> _C
     read_m = _READ_SHARE * float(apart.min()) if apart.size else np.inf
     scale = sections.px_per_m
     half = np.minimum(config.search_px / scale + _SIDE_M, max(read_m, _LEAST_READ_M))
-    x = half[:, None] * np.linspace(-1, 1, _SEARCH_SAMPLES)
+    samples = max(_SEARCH_SAMPLES, int(_SAMPLES_PER_PX * config.search_px))
+    x = half[:, None] * np.linspace(-1, 1, samples)
     grey = view.read(sections, x)
     reach = np.minimum(config.search_px / scale, half)
     edges, *bands = (

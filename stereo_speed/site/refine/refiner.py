@@ -27,7 +27,8 @@ from .markings import Found, locate_both
 from .rig_check import Epipolar, epipolar_check
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
-from ..lane_paths import fit_lines, fit_roads, in_one_direction, lane_paths, with_reversed
+from ..lane_paths import (
+    fit_lines, fit_roads, in_one_direction, lane_paths, may_be_picked, with_reversed)
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
 from ...estimation.robust import robust_std
@@ -386,16 +387,23 @@ def _without_unclicked(clicked: Site, road: RoadFit, found: Found, config: Refin
 
 
 def _with_ends(line: PickedLine, rough: PickedLine, road: RoadFit) -> PickedLine:
-    """Return a line extrapolated to its clicked ends, where its lane's path has to end."""
+    """
+    Return a line extrapolated to its clicked ends, where its lane's path has to end.
+
+    Ends that are no longer in view are left out.
+    """
     stds = line.views_std_px
     if stds is None:
         return line
     number, points, sigmas = road.number(line.name), [], []
+    cameras = road.problem.rig.left, road.problem.rig.right
     for right, (uv, std) in enumerate(zip(line.views_px, stds)):
         feet = road.foot(number, bool(right), rough.views_px[right][[0, -1]])
         ends = road.seen(road.points(number, feet, np.zeros(2)), bool(right))
+        in_view = may_be_picked(cameras[right], ends)
         for end in (0, -1):
-            if np.linalg.norm(ends[end] - uv[end]) > _END_PX and _beyond(uv, ends[end], end):
+            added = in_view[end] and np.linalg.norm(ends[end] - uv[end]) > _END_PX
+            if added and _beyond(uv, ends[end], end):
                 at = 0 if end == 0 else len(uv)
                 uv = np.insert(uv, at, ends[end], axis=0)
                 std = np.insert(std, at, _END_STD_PX)

@@ -16,19 +16,25 @@ from typing import Iterable, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
+from .clicked import unlike_rotation_px
 from .config import RefineConfig
 from .refiner import refine_site, RefinedSite
 from .speed_effect import lane_speed_std, Setup, speed_error
-from ..file import Site
+from ..file import PickedLine, Site
 from ...core.errors import SiteError
 from ...core.records import RigMotion, StereoPair
 from ...geometry.rig import StereoRig
+from ...road.fitted import RoadFit
 from ...road.lanes import LanePath
 from ...road.problem import RoadPrior
 
 MOST_SHARE = 0.01  # largest relative error of speeds that a self-test allows
 _NO_LIMIT = 100.0  # sigmas that disable the comparison of found lines with their clicks
 _FAR_PX = 50.0  # how far lines are searched for that are not all where they were
+_TELLING_LINES = 3  # fewest lines that tell by what rotation they have moved
+# Distance from there within which most points of the lines must be.  A rotation, to first order,
+# is good to some tenths of a pixel; another line beside one of them is many pixels off.
+_TOGETHER_PX, _MOST_LINES = 2.0, 0.8
 _SIGNIFICANT_SIGMAS = 4.0  # sigmas of the speed error from which a rotated camera counts
 _EXCESS_SIGMAS = 3.0  # sigmas by which an error must exceed the limit
 
@@ -120,8 +126,9 @@ def _refined(used: Stance, pairs: Sequence[StereoPair], config: RefineConfig, pr
     Return the site as the images show it, near the lines of a stance or, if it is not, beyond.
 
     Of a rig that has turned by more than lines are searched for, other things are found near
-    some of the lines. Only if all lines are visible elsewhere, that is where they are: in the
-    dark, or behind traffic, what is beside a line would be taken for it.
+    some of the lines. If one rotation has taken all lines to where they are visible elsewhere,
+    that is where they are; in the dark, or where a line is worn, something else is beside it.
+    Two straight lines do not tell, as a rotation can take each of them anywhere.
 
     :raises SiteError: what is found near the lines gives no road.
     """
@@ -133,16 +140,32 @@ def _refined(used: Stance, pairs: Sequence[StereoPair], config: RefineConfig, pr
         near = refine_site(used.site, used.rig, pairs, tolerant, prior)
     except SiteError as error:
         near = error
-    lines = set(used.site.picked)
-    if isinstance(near, SiteError) or set(near.found) != lines:
-        with suppress(SiteError):
-            far = refine_site(used.site, used.rig, pairs, replace(
-                tolerant, search_px=max(_FAR_PX, config.search_px)), prior)
-            if set(far.found) == lines:
+    picked = used.site.picked
+    # Lines that refining the site has not found are not expected to be seen now.
+    expected = {n for n, line in picked.items() if line.views_std_px is not None} or set(picked)
+    in_place = set() if isinstance(near, SiteError) else set(near.found)
+    if len(expected) >= _TELLING_LINES and expected - in_place:
+        with suppress(SiteError, np.linalg.LinAlgError):
+            far = refine_site(used.site, used.rig, pairs,
+                              replace(tolerant, search_px=_FAR_PX), prior)
+            if not expected - set(far.found) and far.road is not None \
+                    and moved_together(far.road, picked):
                 return far
     if isinstance(near, SiteError):
         raise near
     return near
+
+
+def moved_together(road: RoadFit, before: Mapping[str, PickedLine]) -> bool:
+    """
+    Return whether one rotation of the rig explains where all lines of a road are now.
+
+    :param road: road fitted to the lines as found.
+    :param before: the lines where they were, by name.
+    """
+    off_px = np.abs(unlike_rotation_px(
+        road, {name: before[name].views_px for name in road.names if name in before}))
+    return bool(np.isfinite(off_px).any() and np.nanquantile(off_px, _MOST_LINES) < _TOGETHER_PX)
 
 
 def _compared(now: Stance, used: Stance, turned: bool) -> RigState:

@@ -107,8 +107,9 @@ def test_line_in_a_shadows_edge_is_of_one_kind_in_both_views(drawn_off):
     alone = [locate(view, uv) for view, uv in zip(views, clicked)]
     both = locate_both(views, clicked)
     assert [line.shape.kind for line in alone] == ['band', 'edge']
-    apart, together = (np.diff([np.median(road.off_px('right', line.uv_px, right))
-                                for right, line in enumerate(lines)])[0] for lines in (alone, both))
+    apart, together = (
+        np.diff([np.median(road.off_px('right', line.uv_px, right))
+                 for right, line in enumerate(lines)])[0] for lines in (alone, both))
     assert both[0].shape.kind == both[1].shape.kind and len(both[0].s_m) > 10
     assert abs(together) < 0.15 < 1.0 < abs(apart)
     again = locate_both(views, clicked, both)

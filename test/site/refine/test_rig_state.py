@@ -8,6 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from stereo_speed.core.records import RigMotion
 from stereo_speed.enforcement.instrument import Instrument
 from stereo_speed.lab.sim.config import straight_config
@@ -15,10 +17,14 @@ from stereo_speed.lab.sim.sequence import simulate
 from stereo_speed.pipeline.assembly import MeasuringSite
 from stereo_speed.pipeline.config import PipelineConfig, SiteConfig
 from stereo_speed.pipeline.rig_look import look_at_rig
+from stereo_speed.road.fitted import RoadFit
+from stereo_speed.road.model import RoadModel
 from stereo_speed.road.path import StraightPath
+from stereo_speed.road.problem import Picks, RoadProblem
+from stereo_speed.site.file import PickedLine
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.site.refine import rig_state as module
-from stereo_speed.site.refine.rig_state import rig_state, Stance
+from stereo_speed.site.refine.rig_state import moved_together, rig_state, Stance
 from stereo_speed.site.refine.speed_effect import Setup, speed_error
 
 SMALL = {'width_px': 512, 'height_px': 384, 'f_px': 900.0}
@@ -53,13 +59,42 @@ def turned(measured_with):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('pole_deg', [1.0, 3.0])
-def test_turned_pole_is_off(measured_with, pole_deg):
-    """Its lines are 16 and 47 px away from where they were; the cameras stand as calibrated."""
+def test_turned_pole_is_off_and_known(measured_with, pole_deg):
+    """Its lines are 16 to 47 px away from where they were; the cameras stand as calibrated."""
     config, used, _ = measured_with
     config = replace(config, camera_yaw_deg=pole_deg)
-    state = rig_state(used, simulate(config, np.random.default_rng(5)).pairs)
-    assert state.is_off and not state.turned
-    assert (state.stance is not None) == (pole_deg < 2)  # farther away, lines have left the view
+    moved = simulate(config, np.random.default_rng(5))
+    state = rig_state(used, moved.pairs)
+    assert state.is_off and not state.turned and state.stance is not None
+    scene = moved.scene
+    lines_m = list(scene.road.line_offsets().values())  # from right to left
+    for name, right_m, left_m in zip(('lane_0', 'lane_1'), lines_m, lines_m[1:]):
+        path = state.stance.lanes[name].path
+        true_m = scene.to_left(scene.road.position(
+            np.linspace(-60, 120, 9001), np.full(9001, (right_m + left_m) / 2)))
+        found_m = path.position(np.linspace(0.2, 0.8, 7) * path.length_m)
+        assert cKDTree(true_m).query(found_m)[0].max() < 0.05
+
+
+def test_lines_must_have_moved_together(drawn):
+    """By one rotation of the rig, not one line alone as if another thing was found beside it."""
+    x_m, z_m = {'right': -2.0, 'left': 1.5, 'far': 5.0}, np.linspace(15, 40, 15)
+    turn = Rotation.from_euler('yx', [2.0, -0.5], degrees=True).as_matrix()
+
+    def at(name, x_m, rotation=np.eye(3)):
+        points = np.stack([np.full(15, x_m), np.full(15, 3.0), z_m], axis=-1)
+        return PickedLine(name, *drawn.rig.project(points @ rotation.T))
+    still, turned = ({name: at(name, x, r) for name, x in x_m.items()} for r in (np.eye(3), turn))
+    old = drawn.fit.problem.model
+    model = RoadModel(old.frame, old.centre_m, old.half_length_m, len(x_m))
+    picks = Picks.of({name: line.views_px for name, line in still.items()})
+    x = np.array([0, 0, 0, 0, *x_m.values()])
+    road = RoadFit(RoadProblem(drawn.rig, picks, model), x, 0.0)
+    assert moved_together(road, still)
+    assert moved_together(road, turned)
+    assert not moved_together(road, {**still, 'right': turned['right']})
+    assert not moved_together(road, {**still, 'left': at('left', 2.3)})
+    assert not moved_together(road, {**turned, 'far': still['far']})
 
 
 @pytest.mark.slow
