@@ -170,8 +170,8 @@ class RigWatch:
     def _learn(self, found: RigState) -> None:
         """Register the result of a look."""
         self.looks += 1
-        if found.share is None and self.withholds:
-            self.log.info(found.text)  # without a result, the rig may still be off
+        if self.withholds and not found.is_off and found.stance is None:
+            self.log.info(found.text)  # not conclusive: the rig may still be off
             return
         self.newest = found
         self._suspected = found.stance if found.is_off else None

@@ -20,7 +20,7 @@ from stereo_speed.pipeline.look_process import LookProcess, LookProcessError  # 
 from stereo_speed.site.refine.rig_state import RigState  # noqa: E402
 
 LOOK_S = 60.0
-UNKNOWN = 200  # grey level of a pair without information
+UNKNOWN, VAGUE = 200, 201  # grey levels of pairs without information, and with little
 
 
 class Given:
@@ -70,6 +70,8 @@ class Brightness:
                               confirmed=suspected == grey)
         if grey == UNKNOWN:
             self.state = RigState(None, '', 'not known')
+        if grey == VAGUE:
+            self.state = RigState(0.003, 'lane', '0.3 ± 2 %', std_share=0.02)
 
     def found(self):
         """Return the result, or fail."""
@@ -247,16 +249,17 @@ def test_rotation_found_alike_in_two_successive_looks_is_corrected():
     rig.close()
 
 
-def test_look_that_sees_nothing_does_not_end_withholding():
+@pytest.mark.parametrize('grey', [UNKNOWN, VAGUE])
+def test_look_that_is_not_conclusive_does_not_end_withholding(grey):
     rig = watch()
     looked(rig, 2)
-    looked(rig, UNKNOWN)
+    looked(rig, grey)
     assert rig.withholds and rig.state().level == ERROR
     looked(rig, 2)  # as found by the check before
     assert rig.pop_correction() == 2
     looked(rig, 0)
     assert not rig.withholds
-    looked(rig, UNKNOWN)
+    looked(rig, grey)
     assert not rig.withholds and rig.state().level == OK
 
 
