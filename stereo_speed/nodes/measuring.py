@@ -26,6 +26,7 @@ from .health import Refusals, State, WARN
 from .helpers import Helpers
 from .measuring_context import Configuration, MeasuringContext
 from .measuring_settings import MeasuringSettings
+from .measuring_state import STAMPS_UNKNOWN
 from .measuring_thread import MeasuringThread
 from .measuring_workers import MeasuringWorkers
 from .outputs import Outputs
@@ -198,5 +199,4 @@ class Measuring:
 
     def stamps(self) -> State:
         """Return the state of the stamps for ``/diagnostics``."""
-        return State('stamps not checked yet, as no pair is measured') if self.thread is None \
-            else self.thread.stamps()
+        return State(STAMPS_UNKNOWN) if self.thread is None else self.thread.stamps()

@@ -17,6 +17,7 @@ from ..steadying.report import steadiness_summary, warning
 from ..steadying.steadier import Steadier
 
 _LATENCIES = 300  # number of newest pairs whose latencies are kept
+STAMPS_UNKNOWN = 'stamps not checked yet, as no pair is measured'
 _HARDLY = 0.5  # share of hurried pairs above which the machine is reported to be too slow
 _LAG_KNOWN_S = 2e-3  # 1-sigma of the view lag below which it counts as known
 

@@ -24,7 +24,7 @@ from .admission import Admission
 from .health import Arrivals, ERROR, State, WARN
 from .measuring_context import Configuration, MeasuringContext
 from .measuring_settings import MOST_REFINE_PAIRS
-from .measuring_state import ClockSteps, tell_stamps, tell_steadiness
+from .measuring_state import ClockSteps, STAMPS_UNKNOWN, tell_stamps, tell_steadiness
 from .pair_queue import PairQueue
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
@@ -408,7 +408,7 @@ class MeasuringThread:
         """Return the state of the stamps for ``/diagnostics``."""
         pipeline = self.pipeline
         if pipeline is None:
-            return State('stamps not checked yet, as no pair is measured')
+            return State(STAMPS_UNKNOWN)
         state = State('no fault in the stamps')
         self._steps.tell(pipeline, state)
         tell_stamps(pipeline, state)

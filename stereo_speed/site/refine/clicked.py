@@ -84,12 +84,8 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     all_views = [view for views in feet.values() for view in views]
     off_px = np.concatenate([view.off_px for view in all_views])
     matrix = np.hstack([beside, np.concatenate([view.by_rotation(road) for view in all_views])])
-    seen = np.isfinite(off_px) & np.isfinite(matrix).all(axis=1)
-    if not seen.any():
-        return off_px
     limit = np.append([_half_m(clicks.width_m) for clicks in lines.values()], [_MOST_RAD] * 3)
-    common = lsq_linear(matrix[seen], off_px[seen], (-limit, limit)).x
-    return np.asarray(off_px - matrix @ common)
+    return _without_common(off_px, matrix, limit)
 
 
 def unlike_rotation_px(road: RoadFit, lines: Mapping[str, Sequence[Array]]) -> Array:
@@ -102,12 +98,22 @@ def unlike_rotation_px(road: RoadFit, lines: Mapping[str, Sequence[Array]]) -> A
     feet = [_Feet.of(road, name, bool(right), uv)
             for name, views in lines.items() for right, uv in enumerate(views)]
     off_px = np.concatenate([view.off_px for view in feet])
-    by_rotation = np.concatenate([view.by_rotation(road) for view in feet])
-    seen = np.isfinite(off_px) & np.isfinite(by_rotation).all(axis=1)
+    return _without_common(
+        off_px, np.concatenate([view.by_rotation(road) for view in feet]), np.full(3, np.inf))
+
+
+def _without_common(off_px: Array, matrix: Array, limit: Array) -> Array:
+    """
+    Return distances (n,) without what they have in common, in a least-squares sense.
+
+    :param matrix: (n, k) change of each distance with each common cause.
+    :param limit: (k,) largest size of each cause, to either side.
+    """
+    seen = np.isfinite(off_px) & np.isfinite(matrix).all(axis=1)
     if not seen.any():
         return off_px
-    turn_rad = np.linalg.lstsq(by_rotation[seen], off_px[seen], rcond=None)[0]
-    return np.asarray(off_px - by_rotation @ turn_rad)
+    common = lsq_linear(matrix[seen], off_px[seen], (-limit, limit)).x
+    return np.asarray(off_px - matrix @ common)
 
 
 def _half_m(width_m: float) -> float:

@@ -279,8 +279,8 @@ def _of_one_kind(views: Sequence[_Candidates]) -> list[_Candidate]:
         return []
     if len({(one.shape.kind, one.shape.sign) for one in found}) == 1:
         return found
-    for kind in ('bands', 'edges'):
-        pairs = [list(pair) for pair in zip(*(getattr(view, kind) for view in views))
+    for of_kind in ([view.bands for view in views], [view.edges for view in views]):
+        pairs = [list(pair) for pair in zip(*of_kind)
                  if all(view.is_seen(one) for view, one in zip(views, pair))]
         if pairs:
             return max(pairs, key=lambda pair: sum(one.score for one in pair))
