@@ -3,10 +3,10 @@
 """The parameters that all trackers share, in sections."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .config import CheckedRecord, parameter, record_of, section
-from .fronts import TALL_HIGH_M, TALL_WIDTH_M
+from .fronts import NARROW_M, TALL_HIGH_M, TALL_WIDTH_M
 
 TOLERANCES = ('focal_std', 'baseline_std_m', 'stamp_std_s')  # that a site file may override
 
@@ -49,6 +49,14 @@ class NoiseConfig(CheckedRecord):
         2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the relief: fewer let '
         'parts lie farther behind the rest, such as a rider behind the fork; values from 1 to 4 '
         'give the same speeds, a million makes the distribution Gaussian')
+    narrow_m: float = parameter(
+        NARROW_M, 0.0, 10.0, 'm', 'a front narrower than this is that of a two-wheeler, which is '
+        'not plane: the rider sits most of a metre behind the fork')
+    narrow_relief_std_m: float = parameter(
+        0.3, 0.0001, 0.5, 'm', 'relief_std_m of a front of a two-wheeler')
+    narrow_texture_floor_px: float = parameter(
+        0.1, 0.0, 1.0, 'px', 'texture_floor_px of a front of a two-wheeler, whose parts hide each '
+        'other differently as it turns and comes nearer')
     gauge_std_m: float = parameter(
         0.005, 0.0001, 0.5, 'm', '1-sigma of the position of the front across and above the path '
         'in its first observation, which defines its centre')
@@ -63,6 +71,12 @@ class NoiseConfig(CheckedRecord):
         'pass, fitted to the errors of passes out of focus; 0 adds nothing')
     start_std_px: float = parameter(
         0.15, 0.01, 5.0, 'px', '1-sigma of the depth of the first particles, as disparity')
+
+    def of_front(self, width_m: float) -> NoiseConfig:
+        """Return the precision for a front of a width: another one if it is a two-wheeler's."""
+        return self if width_m >= self.narrow_m else replace(
+            self, relief_std_m=self.narrow_relief_std_m,
+            texture_floor_px=self.narrow_texture_floor_px)
 
 
 @dataclass(frozen=True)

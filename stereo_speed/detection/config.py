@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.config import CheckedRecord, parameter, section
-from ..core.fronts import TALL_HIGH_M, TALL_WIDTH_M
+from ..core.fronts import NARROW_M, TALL_HIGH_M, TALL_WIDTH_M
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class FrontConfig(CheckedRecord):
     narrow_least_m: float = parameter(
         0.4, 0.2, 1.0, 'm', 'least width of a two-wheeler', below='narrow_most_m')
     narrow_most_m: float = parameter(
-        1.2, 0.6, 2.0, 'm', 'greatest width of a two-wheeler')
+        NARROW_M, 0.6, 2.0, 'm', 'greatest width of a two-wheeler')
     narrow_length_m: float = parameter(
         1.5, 0.0, 4.0, 'm', 'distance to which rider and luggage extend behind the front of a '
         'two-wheeler; seen at an angle, they appear beside it')
@@ -69,6 +69,12 @@ class FrontConfig(CheckedRecord):
     upright_factor: float = parameter(
         2.0, 0.0, 100.0, '', 'least ratio of 1 - correlation of a front taken to lie on the road '
         'to that of the same front taken to stand')
+    apart_m: float = parameter(
+        3.0, 0.1, 100.0, 'm', 'halves of a front that are farther apart along the lane than this, '
+        'and than apart_px, are those of two vehicles')
+    apart_px: float = parameter(
+        0.8, 0.0, 100.0, 'px', 'least difference of the disparities of these halves, four 1-sigmas '
+        'of what they differ by on single vehicles')
     hopeless_ncc: float = parameter(
         0.3, -1.0, 1.0, '', 'correlation of the views, or with the mirror image, up to which a '
         'proposal is given up without further refinement')

@@ -212,6 +212,34 @@ class FrontRefiner:
         return max(float(plain_correlate(left, level_rows(right[:, :, k:k + width]))[0])
                    for k in range(2 * _OFF_SHIFTS + 1))
 
+    def is_one_body(self, front: FrontHypothesis, now: PairPyramids) -> bool:
+        """
+        Return whether both halves of a front stand at the same depth, as far as the views tell.
+
+        At night the lamp of one vehicle and the lamp of another farther away look like those of a
+        car between them.  Together they correlate well enough at the depth in the middle.
+        """
+        batch = FrontBatch.of([
+            Proposal(front.s_m, front.x_m, half_m=front.half_m, ahead_m=front.ahead_m)])
+        both = self.sampler.both(batch.s_m, batch.x_m, HALF + _SHIFTS, now, batch.ahead_m)
+        left, right = (np.ascontiguousarray(view) for view in (both[:, :ROWS], both[:, ROWS:]))
+        start, side = np.array([_SHIFTS]), np.arange(-HALF, HALF + 1)
+        places = [parabola_peak(shifted(left, right, start, mask, _SHIFTS))[0]
+                  for mask in (_mask(batch.half_m) & (side < 0), _mask(batch.half_m) & (side > 0))]
+        apart_m = abs(float(places[0][0] - places[1][0])) * GRID_M
+        return apart_m < self.apart_shift_m(front.s_m)
+
+    def apart_shift_m(self, s_m: float) -> float:
+        """
+        Return the shift of the right view from which on things at two depths are two vehicles.
+
+        :param s_m: arc length of the plane, m.
+        :return: the shift on the plane, m.
+        """
+        rates = self.sampler.geometry.rates(np.array([s_m]))
+        return max(self.front.apart_m * abs(float(rates.shift[0])),
+                   self.front.apart_px / float(rates.px_per_m[0]))
+
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
         """Return the distances (n,) travelled during the lag, from the left views of two pairs."""
         lag_s = interval.now.pair.right_lag_s

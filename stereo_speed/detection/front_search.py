@@ -223,6 +223,8 @@ class FrontSearch:
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
             if half_m > 0:
+                if not refiner.is_one_body(replace(front, half_m=half_m), moment.now):
+                    return None
                 found = FoundFront(lane, replace(front, half_m=half_m), motion, place,
                                    refiner.sampler, before, refiner.sampler.heights_m[[0, -1]])
                 # Final, as another pair may not show the wider front.
@@ -278,7 +280,8 @@ class FrontSearch:
         aslant_m = sizes.narrow_length_m * refiner.sampler.geometry.aslant(front.s_m, front.x_m)
         most_m = kind.narrow_m + abs(aslant_m) + _BLUR_M
         extent = going_extent(
-            refiner.sampler, front, found.motion, interval, noise, limits.motion)
+            refiner.sampler, front, found.motion, interval, noise, limits.motion,
+            refiner.apart_shift_m(front.s_m))
         if extent.width_m <= most_m:
             return False
         own_m = front.half_m + _OWN_M

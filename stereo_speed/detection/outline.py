@@ -6,11 +6,13 @@ The moving part of a window: how far a vehicle extends, whatever it looks like.
 The road beside a vehicle looks the same as in an earlier pair.  So columns of a window that have
 changed show a vehicle, or background that it has uncovered since.  A column that moves with the
 vehicle has changed both at its present and at its earlier place, looks the same at both, and does
-not lie on the road as a shadow does.
+not lie on the road as a shadow does.  What moves alike may still be another vehicle, farther away;
+the views tell that by its depth, for all columns on one side of a front together.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 from typing import NamedTuple, Optional
 
@@ -23,6 +25,7 @@ from .patch_kernels import Floats
 from .pyramid import PairPyramids, Patches
 from .temporal_match import Interval, Motion, OFF_SAMPLES
 from ..vision.box_sums import window_sums
+from ..vision.subpixel import parabola_peak
 
 _BESIDE_M = 2.3  # half width of the window, as one lamp of a bus may be that far from the other
 _SMOOTH = 3  # columns that are combined
@@ -83,9 +86,12 @@ class Extent(NamedTuple):
 
 
 def going_extent(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
-                 interval: Interval, noise: float, config: MotionConfig) -> Extent:
+                 interval: Interval, noise: float, config: MotionConfig,
+                 apart_m: float = math.inf) -> Extent:
     """
     Return how far everything extends that moves with a front and is not its shadow.
+
+    What stands farther from the cameras than the front, by both views, is left out.
 
     Hidden columns beside it are included, as they may move with it: adjacent columns that show
     neither the front nor the background, such as where a pole stands in front, now or in the
@@ -97,6 +103,8 @@ def going_extent(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     :param interval: the pair and the earlier one.
     :param noise: 1-sigma of a grey value.
     :param config: parameters.
+    :param apart_m: least shift of the right view by which something stands farther away, on the
+        plane of the front, m.
     :return: the extent, without any width where nothing moves.
     """
     half = round(_BESIDE_M / GRID_M)
@@ -118,6 +126,8 @@ def going_extent(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
     has_changed_there = changed_there > config.change_factor * allowed_there
     goes = (has_changed & (changed > _MORE * left_over)
             & has_changed_there & (here.standing < _MORE * np.maximum(here.lain, allowed)))
+    other = _stands_farther(here, goes, middle, apart_m)
+    goes &= ~other
     if not goes.any():
         return Extent(0.0, 0.0, 0.0, 0.0)
     # If one view is out of focus, even static background differs between the views in both pairs.
@@ -127,7 +137,7 @@ def going_extent(sampler: FrontSampler, front: FrontHypothesis, motion: Motion,
         there.shows_behind & (left_over > _MORE * allowed))
     columns = np.flatnonzero(goes)
     first, last = int(columns[0]), int(columns[-1])
-    from_, to = _reached(goes | ~(here.shows_behind & stays), middle)
+    from_, to = _reached(goes | ~(other | here.shows_behind & stays), middle)
     first = from_ if from_ < first - max(here.unseen, 0) else first
     last = to if to > last + max(-here.unseen, 0) else last
     return Extent(*(GRID_M * (column - half + end) for column, end in (
@@ -145,7 +155,7 @@ class _Window:
     :param allowed: (w,) difference that noise and sampling explain.
     :param standing: (w,) difference if the column stands where the front does.
     :param lain: (w,) difference if the column lies on the road.
-    :param behind: (w,) least difference if the column lies on the road or stands farther away.
+    :param farther: (k, w) differences if the column stands farther away, by more and more samples.
     :param unseen: number of columns of road beside the front that the front hides in the right
         view: positive before its first column, negative after its last.
     """
@@ -154,7 +164,7 @@ class _Window:
     allowed: Floats
     standing: Floats
     lain: Floats
-    behind: Floats
+    farther: Floats
     unseen: int
 
     @classmethod
@@ -178,7 +188,12 @@ class _Window:
         misfits = [_change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
                    for view in (stands, lies, *farther)]
         return cls(left, misfits[0][1], misfits[0][0], misfits[1][0],
-                   np.min([misfit for misfit, _ in misfits[1:]], axis=0), unseen)
+                   np.array([misfit for misfit, _ in misfits[2:]]), unseen)
+
+    @cached_property
+    def behind(self) -> Floats:
+        """Return the least difference (w,) if a column lies on the road or stands farther away."""
+        return np.asarray(np.min([self.lain, *self.farther], axis=0))
 
     def unlike(self, still: NDArray[np.bool_]) -> float:
         """
@@ -192,6 +207,28 @@ class _Window:
     def shows_behind(self) -> NDArray[np.bool_]:
         """Return which columns (w,) show the background behind the front."""
         return np.asarray(self.behind < _MORE * self.allowed)
+
+
+def _stands_farther(here: _Window, goes: NDArray[np.bool_], middle: slice, apart_m: float
+                    ) -> NDArray[np.bool_]:
+    """
+    Return which columns (w,) belong to something that moves, but stands farther than the front.
+
+    On each side, these are all columns from the nearest one that moves on, or none.
+
+    :param here: the window.
+    :param goes: (w,) which columns move.
+    :param middle: columns of the front.
+    :param apart_m: least shift by which something stands farther away, m.
+    """
+    out = np.zeros(len(goes), dtype=bool)
+    for side in (slice(0, middle.start), slice(middle.stop, len(goes))):
+        some = np.flatnonzero(goes[side]) + side.start
+        misfits = np.array([here.standing[some].sum(), *here.farther[:, some].sum(axis=1)])
+        shift, least = parabola_peak(-misfits)
+        if shift * GRID_M > apart_m and misfits[0] > -_MORE * least:
+            out[slice(0, some[-1] + 1) if side.start == 0 else slice(some[0], None)] = True
+    return out
 
 
 def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: PairPyramids
@@ -211,11 +248,11 @@ def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: Pair
     s, x = np.array([front.s_m]), np.array([front.x_m])
     rates = sampler.geometry.rates(s)
     shift, ahead_m, climb = (float(v[0]) for v in (rates.shift, rates.ahead_m, rates.climb))
-    most = math.ceil(abs(shift * ahead_m) / GRID_M)
+    most = max(math.ceil(abs(shift * ahead_m) / GRID_M), 2)  # at least, to interpolate
     wide = sampler.right(s, x, half + most, now, np.zeros(1))[0]
-    way = 1 if shift > 0 else -1
+    way = 1 if shift * ahead_m > 0 else -1  # farther away is back along a lane that approaches
     road_m = abs(sampler.heights_m[0] / climb)  # hidden road behind the front, by its upper edge
-    strip = math.ceil(most * road_m / (ahead_m + road_m))
+    strip = math.ceil(most * road_m / (abs(ahead_m) + road_m))
     return [wide[:, most + way * k:][:, :2 * half + 1] for k in range(1, most + 1)], way * strip
 
 

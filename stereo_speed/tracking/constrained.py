@@ -65,15 +65,16 @@ class ConstrainedTracker:
         self.grid = PartGrid(self.config.parts, CELLS)
         self.front: Front = placed.front
         self.life = TrackLife(start)
+        of_front = replace(self.config, noise=self.config.noise.of_front(self.front.width_m))
         sampler = ObservationSampler(
-            self.rig, placed.front, grid.unit_xy, grid.shape, self.config.noise)
+            self.rig, self.front, grid.unit_xy, grid.shape, of_front.noise)
         prior = PassPrior(
             s_m=float(placed.pose[0]), s_std_m=placed.s_std_m, offset_m=placed.pose[1:],
             offset_slope=placed.offset_slope, speed_mps=start.expected_mps,
             speed_std_mps=start.expected_std_mps,
             heading_std_rad=np.asarray(self.lane.heading_std_rad))
         self.window = PhotometricWindow(
-            sampler, PassMotions.of(prior, self.config, start.nominal_stamp_std_s), self.config)
+            sampler, PassMotions.of(prior, of_front, start.nominal_stamp_std_s), of_front)
         s_std_m = self.config.noise.start_std_px / abs(placed.disparity_slope)
         self.cloud = Cloud(first_states(start, placed, s_std_m), np.zeros(self.config.particles),
                            start.pair.stamp_ns)

@@ -81,6 +81,11 @@ class Front:
     path: Path
     corners_m: Array
 
+    @property
+    def width_m(self) -> float:
+        """Return the greatest width of the front, m."""
+        return float(np.ptp(self.corners_m[:, 0]))
+
     def corners(self, rig: StereoRig, poses: Array, heading_rad: float = 0.0,
                 right_poses: Array | None = None) -> tuple[Array, Array]:
         """

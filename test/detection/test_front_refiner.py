@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from stereo_speed.detection.config import FrontConfig, MotionConfig
 from stereo_speed.detection.front_refiner import FrontBatch, FrontKind, FrontRefiner
-from stereo_speed.detection.front_sampler import FrontSampler
+from stereo_speed.detection.front_sampler import FrontHypothesis, FrontSampler
 from stereo_speed.detection.lane_geometry import LaneGeometry
 from stereo_speed.detection.plane_sweep import Proposal
 from stereo_speed.detection.temporal_match import Interval
@@ -109,6 +109,25 @@ def test_upright_fronts_are_separated_from_flat_markings(interval):
     lying = pyramids_of(pair_of([replace(AT, lying=True)], 1))
     assert max(refiner.lying_ncc(replace(front, s_m=AT.s_m + d), lying)
                for d in np.arange(0.0, 6.0, 0.5)) > 0.9
+
+
+@pytest.mark.parametrize(('behind_m', 'limits', 'is_one'), [
+    (0.0, {}, True),
+    (1.0, {}, True),  # 0.4 px
+    (2.5, {}, True),  # 0.9 px
+    (3.5, {}, False),  # 1.2 px
+    (6.0, {}, False),  # 2.0 px
+    (6.0, {'apart_px': 2.5}, True), (6.0, {'apart_m': 8.0}, True)])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_halves_at_two_depths_are_two_vehicles(behind_m, limits, is_one, side):
+    """Half a front, and beside it another half that is seen there but stands farther away."""
+    nearer = (START_M - AT.s_m) / (START_M - AT.s_m + behind_m)
+    middle_m = LANE_M + 0.45 * side  # of the other half, as seen on the plane of the first
+    other = Front(AT.s_m - behind_m, middle_m / nearer - LANE_M, half_m=0.45 / nearer,
+                  low_m=-2.0)  # as the cameras are too high to see much of it else
+    pair = pyramids_of(pair_of([other, Front(AT.s_m, -0.45 * side, half_m=0.45)], 1))
+    front = FrontHypothesis(AT.s_m, 0.0, 0.9)
+    assert refiner_of(FrontConfig(**limits)).is_one_body(front, pair) is is_one
 
 
 def test_hopeless_proposals_are_dropped():

@@ -113,18 +113,20 @@ def test_oncoming_object_is_no_part_of_a_vehicle(lane, at_side):
 
 
 @pytest.mark.parametrize('behind_m', [4.0, 6.0, 8.0])
-def test_two_wheeler_before_a_vehicle_in_the_next_lane_is_found(behind_m):
-    """Both move alike, so that only the track of the other vehicle tells them apart."""
-    def found(*, tracked):
-        detector = PlaneSweepDetector(RIG, LANES, DetectorConfig())
+@pytest.mark.parametrize(('tracked', 'limits'), [
+    (True, {'apart_m': 100.0}), (False, {})], ids=['by its track', 'by both views'])
+def test_two_wheeler_before_a_vehicle_in_the_next_lane_is_found(behind_m, tracked, limits):
+    """Both move alike: the track of the other vehicle tells them apart, or its depth."""
+    def found(*, tracked, **limits):
+        detector = PlaneSweepDetector(RIG, LANES, DetectorConfig(front=FrontConfig(**limits)))
         for k in range(2):
             s_m = 20.0 + k * STEP_M
             other = Front(s_m - behind_m, x_m=3.0, light=1.3)
             out = detector.update(pair_of([other, Front(s_m, half_m=0.35)], k),
                                   [held(1.8, other.s_m, other.x_m)] if tracked else [])
         return out
-    assert not found(tracked=False)
-    (one,) = found(tracked=True)
+    assert not found(tracked=False, apart_m=100.0)
+    (one,) = found(tracked=tracked, **limits)
     assert one.s_m == pytest.approx(20.0 + STEP_M, abs=1.0)
     assert one.lateral_m == pytest.approx(0, abs=0.2)
 

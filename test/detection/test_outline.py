@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import cv2
 from drawn_fronts import (
-    Front, LANE, LANE_M, pair_of, pyramids_of, RIG, SPEED_MPS, START_M, STEP_NS)
+    Front, HEIGHT_M, LANE, LANE_M, pair_of, pyramids_of, RIG, SPEED_MPS, START_M, STEP_NS)
+import numpy as np
 import pytest
 from stereo_speed.detection.config import MotionConfig
 from stereo_speed.detection.front_sampler import FrontHypothesis, FrontSampler
@@ -15,6 +16,8 @@ from stereo_speed.detection.lane_geometry import LaneGeometry
 from stereo_speed.detection.outline import going_extent, moving_outline
 from stereo_speed.detection.pyramid import Pyramid
 from stereo_speed.detection.temporal_match import find_motion, Interval
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
 
 STEP_M = SPEED_MPS * STEP_NS * 1e-9
 S_M = 30.0
@@ -77,6 +80,33 @@ def test_something_static_separates_what_moves_beside_a_front(side):
         -found.right_m, -found.near_right_m)
     assert far_m == pytest.approx(1.65, abs=4 * GRID_M)
     assert near_m == pytest.approx(0.35, abs=4 * GRID_M)
+
+
+def lane_away():
+    """Return the lane in the other direction: away from the cameras, with x to their left."""
+    return LanePath('away', StraightPath([LANE_M, HEIGHT_M, START_M - 50.0], [0, 0, 1.0], 50.0),
+                    None, np.zeros(2), 0.0)
+
+
+@pytest.mark.parametrize('away', [False, True], ids=['approaching', 'receding'])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+@pytest.mark.parametrize(('behind_m', 'is_part'), [
+    (4.5, False),  # the right view shows it 0.051 m aside
+    (0.0, True), (2.0, True)])
+def test_what_stands_farther_away_is_no_part_of_a_front(behind_m, is_part, side, away):
+    """Something moves along beside a front, without a gap between them in the left view."""
+    def pair(s_m):
+        far_m = START_M - s_m
+        middle_m, nearer = LANE_M + 1.0 * side, far_m / (far_m + behind_m)
+        return [Front(s_m - behind_m, middle_m / nearer - LANE_M, half_m=0.65 / nearer,
+                      low_m=-2.0, high_m=2.5), Front(s_m, half_m=0.35)]
+    gone_m = -1.0 if away else 1.0
+    sampler = FrontSampler(LaneGeometry(RIG, lane_away()), 0.4, 1.25) if away else SAMPLER
+    interval = interval_of(pair(S_M), pair(S_M - gone_m))
+    front = FrontHypothesis(50.0 - S_M if away else S_M, 0.0, 0.35)
+    motion = find_motion(sampler, front, interval, MotionConfig())
+    found = going_extent(sampler, front, motion, interval, 1.0, MotionConfig(), 0.04)
+    assert found.width_m > 1.6 if is_part else found.width_m < 1.2
 
 
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])

@@ -478,6 +478,9 @@ CASES: dict[str, Case] = {
     'verdict.off_road_m': Case('crossing', 0.1, ANY_STD | ANY_SCATTER),
     'verdict.off_road_share': Case(
         'crossing', 1.0, ANY_STD | ANY_SCATTER | {'verdict.off_road_m': 0.1}),
+    'noise.narrow_m': Case('short', 4.0),
+    'noise.narrow_relief_std_m': Case('short', 0.1, {'noise.narrow_m': 4.0}),
+    'noise.narrow_texture_floor_px': Case('short', 0.2, {'noise.narrow_m': 4.0}),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),
     'noise.blur_doubt': Case('blurred', 0.0),
@@ -530,6 +533,8 @@ CASES: dict[str, Case] = {
     SWEEP + 'front.least_cross_ncc': swept('swept', 1.0),
     SWEEP + 'front.upright_factor': swept('swept', 100.0),
     SWEEP + 'front.hopeless_ncc': swept('swept', 1.0),
+    SWEEP + 'front.apart_m': swept('swept', 0.1, front__apart_px=0.0),
+    SWEEP + 'front.apart_px': swept('swept', 0.0, front__apart_m=0.1),
     SWEEP + 'motion.reference_s': swept('swept', 0.3, long_every=1000, motion__least_px=9.0),
     SWEEP + 'motion.long_reference_s': swept('swept', 0.25, long_every=1,
                                              motion__least_px=25.0),
