@@ -36,8 +36,8 @@ class ClickDistance(NamedTuple):
     outside_px: float
 
     @classmethod
-    def of(cls, road: RoadFit, name: str, width_m: float, clicks_px: Sequence[Array]
-           ) -> ClickDistance:
+    def of(cls, road: RoadFit, name: str, width_m: float, clicks_px: Sequence[Array],
+           found_px: Sequence[Array]) -> ClickDistance:
         """
         Return the medians over the clicks of both views.
 
@@ -45,10 +45,11 @@ class ClickDistance(NamedTuple):
         :param name: name of the line.
         :param width_m: width of its band, m; 0 for an edge.
         :param clicks_px: (n, 2) clicked raw pixels of each view.
+        :param found_px: (n, 2) raw pixels of each view where its marking was found.
         """
         off_px, px_per_m = np.concatenate([
-            signed_distances(road, name, bool(right), uv) for right, uv in enumerate(clicks_px)],
-            axis=-1)
+            _from_marking(road, name, bool(right), uv, found)
+            for right, (uv, found) in enumerate(zip(clicks_px, found_px))], axis=-1)
         off_px, half_m = np.abs(off_px), _half_m(width_m)
         return cls(float(np.median(off_px)), float(np.median(off_px - half_m * px_per_m)))
 
@@ -130,6 +131,21 @@ def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Arr
     """
     feet = _Feet.of(road, name, right, uv_px)
     return np.stack([feet.off_px, feet.px_per_m])
+
+
+def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px: Array) -> Array:
+    """
+    Return the same distances from the marking that was found for a line, beside or on the road.
+
+    Where a marking is none, the road that is fitted to all of them lies beside the others too.
+
+    :param found_px: (n, 2) raw pixels of the marking; beyond its ends it is taken to go on.
+    """
+    (off_px, px_per_m), (found_off_px, _) = (
+        signed_distances(road, name, right, uv) for uv in (uv_px, found_px))
+    feet_m, found_m = (road.foot(road.number(name), right, uv) for uv in (uv_px, found_px))
+    order = np.argsort(found_m)
+    return np.stack([off_px - np.interp(feet_m, found_m[order], found_off_px[order]), px_per_m])
 
 
 class _Feet(NamedTuple):

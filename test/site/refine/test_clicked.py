@@ -43,10 +43,23 @@ def test_distances_equal_those_of_the_drawing(drawn, right):
     cosine = 3.0 / np.hypot(3.0, x)  # the line's image goes through the vanishing point
     np.testing.assert_allclose(np.abs(off_px), 90.0 / z * cosine, rtol=1e-3)
     np.testing.assert_allclose(px_per_m, 900.0 / z * cosine, rtol=0.02)  # at the foot, not beside
-    clicks = [drawn.rig.project(points)[r] for r in (0, 1)]
-    both = ClickDistance.of(drawn.fit, 'right', 0.12, clicks)
+    clicks, on = ([drawn.rig.project(at)[r] for r in (0, 1)]
+                  for at in (points, points - [0.1, 0.0, 0.0]))
+    both = ClickDistance.of(drawn.fit, 'right', 0.12, clicks, on)
     assert both.outside_px == pytest.approx(0.4 * both.off_px, rel=0.05)  # 0.1 - 0.06 m
-    assert ClickDistance.of(drawn.fit, 'right', 0.0, clicks).outside_px < 0  # in a kerb stone
+    assert ClickDistance.of(drawn.fit, 'right', 0.0, clicks, on).outside_px < 0  # in a kerb stone
+
+
+def test_distance_is_that_from_the_marking_where_the_road_is_off_it(drawn):
+    """A shadow taken for one of the lines pulls the road off the others."""
+    z = np.linspace(40.0, 14.0, 9)
+    clicks, found = ([drawn.rig.project(np.column_stack([
+        -2.0 + x_m, np.full(9, 3.0), z]))[r] for r in (0, 1)] for x_m in (
+            np.linspace(0.5, 0.2, 9), np.linspace(0.6, 0.2, 9)))
+    cosine = 3.0 / np.hypot(3.0, 1.8)
+    apart_px = np.median(900.0 / z * np.linspace(0.1, 0.0, 9)) * cosine
+    off_px = ClickDistance.of(drawn.fit, 'right', 0.12, clicks, found).off_px
+    assert off_px == pytest.approx(apart_px, rel=0.1)
 
 
 @pytest.mark.slow
