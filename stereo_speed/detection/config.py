@@ -70,11 +70,11 @@ class FrontConfig(CheckedRecord):
         2.0, 0.0, 100.0, '', 'least ratio of 1 - correlation of a front taken to lie on the road '
         'to that of the same front taken to stand')
     apart_m: float = parameter(
-        3.0, 0.1, 100.0, 'm', 'halves of a front that are farther apart along the lane than this, '
-        'and than apart_px, are those of two vehicles')
+        3.0, 0.1, 100.0, 'm', 'the halves of a front, or a two-wheeler and what moves beside it, '
+        'are two vehicles if they are farther apart along the lane than this, and than apart_px')
     apart_px: float = parameter(
-        0.8, 0.0, 100.0, 'px', 'least difference of the disparities of these halves, four 1-sigmas '
-        'of what they differ by on single vehicles')
+        0.8, 0.0, 100.0, 'px', 'least difference of their disparities, four times the 1-sigma of '
+        'that between the halves of single vehicles')
     hopeless_ncc: float = parameter(
         0.3, -1.0, 1.0, '', 'correlation of the views, or with the mirror image, up to which a '
         'proposal is given up without further refinement')
