@@ -70,11 +70,12 @@ class FrontConfig(CheckedRecord):
         2.0, 0.0, 100.0, '', 'least ratio of 1 - correlation of a front taken to lie on the road '
         'to that of the same front taken to stand')
     apart_m: float = parameter(
-        3.0, 0.1, 100.0, 'm', 'the halves of a front, or a two-wheeler and what moves beside it, '
-        'are two vehicles if they are farther apart along the lane than this, and than apart_px')
+        3.0, 0.1, 100.0, 'm', 'least distance along the lane from which on the halves of a front, '
+        'or a two-wheeler and what moves beside it, are two vehicles; their disparities must '
+        'differ by apart_px as well')
     apart_px: float = parameter(
-        0.8, 0.0, 100.0, 'px', 'least difference of their disparities, four times the 1-sigma of '
-        'that between the halves of single vehicles')
+        0.8, 0.0, 100.0, 'px', 'least difference of these disparities; between the halves of one '
+        'vehicle it is 0.2 px (1-sigma)')
     hopeless_ncc: float = parameter(
         0.3, -1.0, 1.0, '', 'correlation of the views, or with the mirror image, up to which a '
         'proposal is given up without further refinement')

@@ -217,17 +217,19 @@ class FrontRefiner:
         Return whether both halves of a front stand at the same depth, as far as the views tell.
 
         At night the lamp of one vehicle and the lamp of another farther away look like those of a
-        car between them.  Together they correlate well enough at the depth in the middle.
+        car between them.  Together they correlate well enough at the depth in the middle.  A half
+        without details of its own has no depth, and belongs to the other one.
         """
         batch = FrontBatch.of([
             Proposal(front.s_m, front.x_m, half_m=front.half_m, ahead_m=front.ahead_m)])
         both = self.sampler.both(batch.s_m, batch.x_m, HALF + _SHIFTS, now, batch.ahead_m)
         left, right = (np.ascontiguousarray(view) for view in (both[:, :ROWS], both[:, ROWS:]))
         start, side = np.array([_SHIFTS]), np.arange(-HALF, HALF + 1)
-        places = [parabola_peak(shifted(left, right, start, mask, _SHIFTS))[0]
-                  for mask in (_mask(batch.half_m) & (side < 0), _mask(batch.half_m) & (side > 0))]
-        apart_m = abs(float(places[0][0] - places[1][0])) * GRID_M
-        return apart_m < self.apart_shift_m(front.s_m)
+        places, nccs = np.transpose([
+            parabola_peak(shifted(left, right, start, _mask(batch.half_m) & half, _SHIFTS)[:, 0])
+            for half in (side < 0, side > 0)])
+        return bool(nccs.min() < self.front.least_cross_ncc
+                    or np.ptp(places) * GRID_M < self.apart_shift_m(front.s_m))
 
     def apart_shift_m(self, s_m: float) -> float:
         """
@@ -236,9 +238,11 @@ class FrontRefiner:
         :param s_m: arc length of the plane, m.
         :return: the shift on the plane, m.
         """
-        rates = self.sampler.geometry.rates(np.array([s_m]))
-        return max(self.front.apart_m * abs(float(rates.shift[0])),
-                   self.front.apart_px / float(rates.px_per_m[0]))
+        rates, apart_m = self.sampler.geometry.rates(np.array([s_m])), self.front.apart_m
+        shift, range_m, px_per_m = (
+            abs(float(v[0])) for v in (rates.shift, rates.ahead_m, rates.px_per_m))
+        farther_m = shift * apart_m * range_m / (range_m + apart_m)  # shift is that of the limit
+        return max(farther_m, self.front.apart_px / px_per_m)
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:
         """Return the distances (n,) travelled during the lag, from the left views of two pairs."""

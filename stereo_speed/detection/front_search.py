@@ -223,10 +223,11 @@ class FrontSearch:
             half_m = moving_half(refiner.sampler, front, motion, interval, moment.noise,
                                  self.config.motion)
             if half_m > 0:
-                if not refiner.is_one_body(replace(front, half_m=half_m), moment.now):
+                moving = replace(front, half_m=half_m)
+                if not refiner.is_one_body(moving, moment.now):
                     return None
-                found = FoundFront(lane, replace(front, half_m=half_m), motion, place,
-                                   refiner.sampler, before, refiner.sampler.heights_m[[0, -1]])
+                found = FoundFront(lane, moving, motion, place, refiner.sampler, before,
+                                   refiner.sampler.heights_m[[0, -1]])
                 # Final, as another pair may not show the wider front.
                 return None if self._is_part(
                     found, front, refiner, interval, moment.noise, others) else found

@@ -155,7 +155,9 @@ class _Window:
     :param allowed: (w,) difference that noise and sampling explain.
     :param standing: (w,) difference if the column stands where the front does.
     :param lain: (w,) difference if the column lies on the road.
-    :param farther: (k, w) differences if the column stands farther away, by more and more samples.
+    :param farther: (k, w) differences if the column stands farther away, by more and more samples,
+        and still.
+    :param moving: the same if it moves as the front does.
     :param unseen: number of columns of road beside the front that the front hides in the right
         view: positive before its first column, negative after its last.
     """
@@ -165,6 +167,7 @@ class _Window:
     standing: Floats
     lain: Floats
     farther: Floats
+    moving: Floats
     unseen: int
 
     @classmethod
@@ -184,11 +187,16 @@ class _Window:
         left = sampler.left(s, x, half, pair)[0]
         stands, lies = (sampler.right(s, x, half, pair, ahead, lying=lying)[0]
                         for lying in (False, True))
-        farther, unseen = _farther(sampler, front, half, pair)
-        misfits = [_change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
-                   for view in (stands, lies, *farther)]
-        return cls(left, misfits[0][1], misfits[0][0], misfits[1][0],
-                   np.array([misfit for misfit, _ in misfits[2:]]), unseen)
+        farther, unseen = _farther(sampler, front, half, pair, np.zeros(1))
+        (standing, allowed), (lain, _), *behind = (
+            _change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
+            for view in (stands, lies, *farther))
+        still = moving = np.array([misfit for misfit, _ in behind])
+        if ahead.any():
+            moving = np.array([
+                _change(left, _matched(view, left[:, middle], stands[:, middle]), noise)[0]
+                for view in _farther(sampler, front, half, pair, ahead)[0]])
+        return cls(left, allowed, standing, lain, still, moving, unseen)
 
     @cached_property
     def behind(self) -> Floats:
@@ -214,7 +222,7 @@ def _stands_farther(here: _Window, goes: NDArray[np.bool_], middle: slice, apart
     """
     Return which columns (w,) belong to something that moves, but stands farther than the front.
 
-    On each side, these are all columns from the nearest one that moves on, or none.
+    On each side, these are all columns from the moving one nearest to the front outwards, or none.
 
     :param here: the window.
     :param goes: (w,) which columns move.
@@ -222,17 +230,19 @@ def _stands_farther(here: _Window, goes: NDArray[np.bool_], middle: slice, apart
     :param apart_m: least shift by which something stands farther away, m.
     """
     out = np.zeros(len(goes), dtype=bool)
-    for side in (slice(0, middle.start), slice(middle.stop, len(goes))):
-        some = np.flatnonzero(goes[side]) + side.start
-        misfits = np.array([here.standing[some].sum(), *here.farther[:, some].sum(axis=1)])
-        shift, least = parabola_peak(-misfits)
-        if shift * GRID_M > apart_m and misfits[0] > -_MORE * least:
-            out[slice(0, some[-1] + 1) if side.start == 0 else slice(some[0], None)] = True
+    columns = np.flatnonzero(goes)
+    right, left = columns[columns < middle.start], columns[columns >= middle.stop]
+    for some, side in ((right, slice(0, int(right.max(initial=-1)) + 1)),
+                       (left, slice(int(left.min(initial=len(goes))), None))):
+        misfits = np.array([here.standing[some].sum(), *here.moving[:, some].sum(axis=1)])
+        shift, _ = parabola_peak(-misfits)
+        if shift * GRID_M > apart_m and misfits[0] > _MORE * misfits.min():
+            out[side] = True
     return out
 
 
-def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: PairPyramids
-             ) -> tuple[list[Patches], int]:
+def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: PairPyramids,
+             ahead_m: Floats) -> tuple[list[Patches], int]:
     """
     Return windows of the right view for objects at greater ranges than the front.
 
@@ -242,17 +252,19 @@ def _farther(sampler: FrontSampler, front: FrontHypothesis, half: int, now: Pair
     :param front: the front.
     :param half: columns from its middle to the edge of the windows.
     :param now: the pair.
+    :param ahead_m: (1,) distance that they travel until the right view is exposed, m.
     :return: the windows; and the number of columns of road beside the front that the front hides
         in the right view, positive before its first column.
     """
     s, x = np.array([front.s_m]), np.array([front.x_m])
     rates = sampler.geometry.rates(s)
-    shift, ahead_m, climb = (float(v[0]) for v in (rates.shift, rates.ahead_m, rates.climb))
-    most = max(math.ceil(abs(shift * ahead_m) / GRID_M), 2)  # at least, to interpolate
-    wide = sampler.right(s, x, half + most, now, np.zeros(1))[0]
-    way = 1 if shift * ahead_m > 0 else -1  # farther away is back along a lane that approaches
+    shift, range_m, climb = (float(v[0]) for v in (rates.shift, rates.ahead_m, rates.climb))
+    to_horizon = math.ceil(abs(shift * range_m) / GRID_M)
+    most = max(to_horizon, 2)  # at least, to interpolate
+    wide = sampler.right(s, x, half + most, now, ahead_m)[0]
+    way = 1 if shift * range_m > 0 else -1  # farther away is back along a lane that approaches
     road_m = abs(sampler.heights_m[0] / climb)  # hidden road behind the front, by its upper edge
-    strip = math.ceil(most * road_m / (abs(ahead_m) + road_m))
+    strip = math.ceil(to_horizon * road_m / (abs(range_m) + road_m))
     return [wide[:, most + way * k:][:, :2 * half + 1] for k in range(1, most + 1)], way * strip
 
 

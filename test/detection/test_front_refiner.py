@@ -130,6 +130,16 @@ def test_halves_at_two_depths_are_two_vehicles(behind_m, limits, is_one, side):
     assert refiner_of(FrontConfig(**limits)).is_one_body(front, pair) is is_one
 
 
+@pytest.mark.parametrize('light', [0.0, 1e3], ids=['black', 'clipped'])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_half_without_details_belongs_to_the_other(light, side):
+    halves = [Front(AT.s_m, 0.45 * side, half_m=0.45, light=light),
+              Front(AT.s_m, -0.45 * side, half_m=0.45)]
+    front = FrontHypothesis(AT.s_m, 0.0, 0.9)
+    assert all(refiner_of().is_one_body(front, pyramids_of(pair_of(halves, k)))
+               for k in range(8))
+
+
 def test_hopeless_proposals_are_dropped():
     config = FrontConfig(hopeless_ncc=1.0)
     some = [Proposal(AT.s_m + 3.0, AT.x_m)]

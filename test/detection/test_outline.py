@@ -83,7 +83,7 @@ def test_something_static_separates_what_moves_beside_a_front(side):
 
 
 def lane_away():
-    """Return the lane in the other direction: away from the cameras, with x to their left."""
+    """Return the lane in the other direction, in which left of travel is left in the image."""
     return LanePath('away', StraightPath([LANE_M, HEIGHT_M, START_M - 50.0], [0, 0, 1.0], 50.0),
                     None, np.zeros(2), 0.0)
 
@@ -107,6 +107,23 @@ def test_what_stands_farther_away_is_no_part_of_a_front(behind_m, is_part, side,
     motion = find_motion(sampler, front, interval, MotionConfig())
     found = going_extent(sampler, front, motion, interval, 1.0, MotionConfig(), 0.04)
     assert found.width_m > 1.6 if is_part else found.width_m < 1.2
+
+
+@pytest.mark.parametrize('lag_s', [-0.033, -0.01, 0.01, 0.033])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_what_moves_farther_away_is_seen_where_it_is_when_the_right_view_is_exposed(side, lag_s):
+    def pair(s_m, index):
+        far_m, behind_m = START_M - s_m, 6.0
+        middle_m, nearer = LANE_M + 1.0 * side, far_m / (far_m + behind_m)
+        both = [Front(s_m - behind_m, middle_m / nearer - LANE_M, half_m=0.65 / nearer,
+                      low_m=-2.0, high_m=2.5), Front(s_m, half_m=0.35)]
+        late = [replace(front, s_m=front.s_m + lag_s * SPEED_MPS) for front in both]
+        return pyramids_of(pair_of(both, index, late, round(lag_s * 1e9)))
+    interval = Interval(pair(S_M, 1), pair(S_M - STEP_M, 0))
+    front = FrontHypothesis(S_M, 0.0, 0.35, ahead_m=lag_s * SPEED_MPS)
+    motion = find_motion(SAMPLER, front, interval, MotionConfig())
+    assert going_extent(
+        SAMPLER, front, motion, interval, 1.0, MotionConfig(), 0.04).width_m < 1.5
 
 
 @pytest.mark.parametrize('gone_m', [1.0, STEP_M])

@@ -135,17 +135,18 @@ def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Arr
 
 def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px: Array) -> Array:
     """
-    Return the same distances from the marking that was found for a line, beside or on the road.
+    Return distances as of :func:`signed_distances`, from the marking that was found for a line.
 
-    Where a marking is none, the road that is fitted to all of them lies beside the others too.
+    If what was found is no marking, it pulls the fitted road off the markings of other lines too.
 
     :param found_px: (n, 2) raw pixels of the marking; beyond its ends it is taken to go on.
     """
-    (off_px, px_per_m), (found_off_px, _) = (
+    (off_px, px_per_m), (found_off_px, found_px_per_m) = (
         signed_distances(road, name, right, uv) for uv in (uv_px, found_px))
     feet_m, found_m = (road.foot(road.number(name), right, uv) for uv in (uv_px, found_px))
     order = np.argsort(found_m)
-    return np.stack([off_px - np.interp(feet_m, found_m[order], found_off_px[order]), px_per_m])
+    beside_m = np.interp(feet_m, found_m[order], (found_off_px / found_px_per_m)[order])
+    return np.stack([off_px - beside_m * px_per_m, px_per_m])
 
 
 class _Feet(NamedTuple):
