@@ -212,24 +212,39 @@ class FrontRefiner:
         return max(float(plain_correlate(left, level_rows(right[:, :, k:k + width]))[0])
                    for k in range(2 * _OFF_SHIFTS + 1))
 
-    def is_one_body(self, front: FrontHypothesis, now: PairPyramids) -> bool:
+    def is_one_body(self, front: FrontHypothesis, now: PairPyramids,
+                    sharpnesses: Sequence[tuple[int, int]] = (AS_SHARP,)) -> bool:
         """
         Return whether both halves of a front stand at the same depth, as far as the views tell.
 
         At night the lamp of one vehicle and the lamp of another farther away look like those of a
         car between them.  Together they correlate well enough at the depth in the middle.  A half
         without details of its own has no depth, and belongs to the other one.
+
+        :param sharpnesses: trial pyramid levels, coarser than the usual one, of the left and the
+            right view; those at which the views of the halves agree best count.
         """
-        batch = FrontBatch.of([
-            Proposal(front.s_m, front.x_m, half_m=front.half_m, ahead_m=front.ahead_m)])
-        both = self.sampler.both(batch.s_m, batch.x_m, HALF + _SHIFTS, now, batch.ahead_m)
-        left, right = (np.ascontiguousarray(view) for view in (both[:, :ROWS], both[:, ROWS:]))
-        start, side = np.array([_SHIFTS]), np.arange(-HALF, HALF + 1)
-        places, nccs = np.transpose([
-            parabola_peak(shifted(left, right, start, _mask(batch.half_m) & half, _SHIFTS)[:, 0])
-            for half in (side < 0, side > 0)])
+        places, nccs = max((self._halves(front, now, coarser) for coarser in sharpnesses),
+                           key=lambda halves: float(halves[1].min()))
         return bool(nccs.min() < self.front.least_cross_ncc
                     or np.ptp(places) * GRID_M < self.apart_shift_m(front.s_m))
+
+    def _halves(self, front: FrontHypothesis, now: PairPyramids, coarser: tuple[int, int]
+                ) -> tuple[Floats, Floats]:
+        """
+        Return the places (2,) in the right view of both halves of a front, and their correlations.
+
+        :param coarser: pyramid levels, coarser than the usual one, of the left and the right view.
+        :return: places in samples, and the correlations (2,) there.
+        """
+        s, x, ahead = (np.array([v]) for v in (front.s_m, front.x_m, front.ahead_m))
+        left = self.sampler.left(s, x, HALF + _SHIFTS, now, coarser=coarser[0])
+        right = self.sampler.right(s, x, HALF + _SHIFTS, now, ahead, coarser=coarser[1])
+        whole, side = _mask(np.array([front.half_m])), np.arange(-HALF, HALF + 1)
+        places, nccs = zip(*(
+            parabola_peak(shifted(left, right, np.array([_SHIFTS]), whole & half, _SHIFTS)[:, 0])
+            for half in (side < 0, side > 0)))
+        return np.array(places), np.array(nccs)
 
     def apart_shift_m(self, s_m: float) -> float:
         """

@@ -224,7 +224,7 @@ class FrontSearch:
                                  self.config.motion)
             if half_m > 0:
                 moving = replace(front, half_m=half_m)
-                if not refiner.is_one_body(moving, moment.now):
+                if not refiner.is_one_body(moving, moment.now, _SHARPNESSES[0]):
                     return None
                 found = FoundFront(lane, moving, motion, place, refiner.sampler, before,
                                    refiner.sampler.heights_m[[0, -1]])
