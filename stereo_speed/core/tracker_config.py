@@ -50,9 +50,9 @@ class NoiseConfig(CheckedRecord):
         'parts lie farther behind the rest, such as a rider behind the fork; values from 1 to 4 '
         'give the same speeds, a million makes the distribution Gaussian')
     narrow_m: float = parameter(
-        NARROW_M + 0.05, 0.0, 10.0, 'm', 'a front up to this width is that of a two-wheeler, which '
-        'is not plane: the rider sits most of a metre behind the fork. A little more than the '
-        'greatest width that detectors give it')
+        NARROW_M + 0.05, 0.0, 10.0, 'm', 'a front up to this width is that of a two-wheeler, '
+        'which is not plane: the rider sits most of a metre behind the fork; a little more than '
+        'the greatest width that detectors give it')
     narrow_relief_std_m: float = parameter(
         0.3, 0.0001, 0.5, 'm', 'relief_std_m of a front of a two-wheeler')
     narrow_texture_floor_px: float = parameter(
