@@ -224,8 +224,9 @@ class FrontSearch:
                                  self.config.motion)
             if half_m > 0:
                 moving = replace(front, half_m=half_m)
-                if not refiner.is_one_body(moving, moment.now, _SHARPNESSES[0]):
-                    return None
+                if refiner.kind.narrow_m is None and not refiner.is_one_body(
+                        moving, moment.now, _SHARPNESSES[0]):
+                    return None  # halves of a two-wheeler are too narrow to tell
                 found = FoundFront(lane, moving, motion, place, refiner.sampler, before,
                                    refiner.sampler.heights_m[[0, -1]])
                 # Final, as another pair may not show the wider front.
