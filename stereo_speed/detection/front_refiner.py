@@ -256,7 +256,8 @@ class FrontRefiner:
         rates, apart_m = self.sampler.geometry.rates(np.array([s_m])), self.front.apart_m
         shift, range_m, px_per_m = (
             abs(float(v[0])) for v in (rates.shift, rates.ahead_m, rates.px_per_m))
-        farther_m = shift * apart_m * range_m / (range_m + apart_m)  # shift is that of the limit
+        # The rate of the shift is that at the plane; farther away it gets less.
+        farther_m = shift * apart_m * range_m / (range_m + apart_m)
         return max(farther_m, self.front.apart_px / px_per_m)
 
     def _ahead(self, batch: FrontBatch, interval: Interval, first: bool) -> Floats:

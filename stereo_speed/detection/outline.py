@@ -188,15 +188,15 @@ class _Window:
         stands, lies = (sampler.right(s, x, half, pair, ahead, lying=lying)[0]
                         for lying in (False, True))
         farther, unseen = _farther(sampler, front, half, pair, np.zeros(1))
-        (standing, allowed), (lain, _), *behind = (
-            _change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
-            for view in (stands, lies, *farther))
-        still = moving = np.array([misfit for misfit, _ in behind])
+
+        def misfit(view: Patches) -> tuple[Floats, Floats]:
+            return _change(left, _matched(view, left[:, middle], stands[:, middle]), noise)
+        standing, allowed = misfit(stands)
+        still = moving = np.array([misfit(view)[0] for view in farther])
         if ahead.any():
-            moving = np.array([
-                _change(left, _matched(view, left[:, middle], stands[:, middle]), noise)[0]
-                for view in _farther(sampler, front, half, pair, ahead)[0]])
-        return cls(left, allowed, standing, lain, still, moving, unseen)
+            moving = np.array([misfit(view)[0] for view in _farther(
+                sampler, front, half, pair, ahead)[0]])
+        return cls(left, allowed, standing, misfit(lies)[0], still, moving, unseen)
 
     @cached_property
     def behind(self) -> Floats:

@@ -121,32 +121,22 @@ def _half_m(width_m: float) -> float:
     return width_m / 2 if width_m else _KERB_M
 
 
-def signed_distances(road: RoadFit, name: str, right: bool, uv_px: Array) -> Array:
+def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px: Array) -> Array:
     """
-    Return signed distances of pixels from a line, px, and the image scale across it, px/m: (2, n).
+    Return signed distances of pixels from the marking that was found for a line, and the scale.
+
+    If what was found is no marking, it pulls the fitted road off the markings of other lines too.
 
     :param name: name of the line.
     :param right: whether the pixels are of the right view.
     :param uv_px: (n, 2) raw pixels.
+    :param found_px: (m, 2) raw pixels of the marking; beyond its ends it is taken to go on.
+    :return: (2, n) distances, px, and the image scale across the line, px/m.
     """
-    feet = _Feet.of(road, name, right, uv_px)
-    return np.stack([feet.off_px, feet.px_per_m])
-
-
-def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px: Array) -> Array:
-    """
-    Return distances as of :func:`signed_distances`, from the marking that was found for a line.
-
-    If what was found is no marking, it pulls the fitted road off the markings of other lines too.
-
-    :param found_px: (n, 2) raw pixels of the marking; beyond its ends it is taken to go on.
-    """
-    (off_px, px_per_m), (found_off_px, found_px_per_m) = (
-        signed_distances(road, name, right, uv) for uv in (uv_px, found_px))
-    feet_m, found_m = (road.foot(road.number(name), right, uv) for uv in (uv_px, found_px))
-    order = np.argsort(found_m)
-    beside_m = np.interp(feet_m, found_m[order], (found_off_px / found_px_per_m)[order])
-    return np.stack([off_px - beside_m * px_per_m, px_per_m])
+    feet, found = (_Feet.of(road, name, right, uv) for uv in (uv_px, found_px))
+    order = np.argsort(found.at_m)
+    beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
+    return np.stack([feet.off_px - beside_m * feet.px_per_m, feet.px_per_m])
 
 
 class _Feet(NamedTuple):
@@ -154,6 +144,7 @@ class _Feet(NamedTuple):
     The feet of pixels on a line.
 
     :param right: whether the pixels are of the right view.
+    :param at_m: (n,) feet along the road, m.
     :param place_m: (n, 3) feet, left optical frame, m.
     :param on_px: (n, 2) their raw pixels.
     :param along: (n, 2) directions of the line there.
@@ -162,6 +153,7 @@ class _Feet(NamedTuple):
     """
 
     right: bool
+    at_m: Array
     place_m: Array
     on_px: Array
     along: Array
@@ -170,14 +162,14 @@ class _Feet(NamedTuple):
 
     @classmethod
     def of(cls, road: RoadFit, name: str, right: bool, uv_px: Array) -> _Feet:
-        """Return the feet of raw pixels (n, 2); arguments as for :func:`signed_distances`."""
+        """Return the feet of raw pixels (n, 2); arguments as for :func:`_from_marking`."""
         number, zeros = road.number(name), np.zeros(len(uv_px))
         feet = road.foot(number, right, uv_px)
         places = [road.points(number, feet + along_m, zeros + across_m)
                   for along_m, across_m in ((0.0, 0.0), (_STEP_M, 0.0), (0.0, _STEP_M))]
         on, ahead, left = (road.seen(place, right) for place in places)
         along = (ahead - on) / np.linalg.norm(ahead - on, axis=1, keepdims=True)
-        return cls(right, places[0], on, along, _beside(along, uv_px - on),
+        return cls(right, feet, places[0], on, along, _beside(along, uv_px - on),
                    np.abs(_beside(along, left - on)) / _STEP_M)
 
     def by_rotation(self, road: RoadFit) -> Array:
