@@ -25,13 +25,13 @@ from .equal_sharpness import equally_sharp
 from .extrinsic_drift import decide_drift, Drift, FamilyDrift
 from .markings import Found, locate_both
 from .rig_check import Epipolar, epipolar_check
+from .strays import without_strays
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
 from ..lane_paths import (
     fit_lines, fit_roads, in_one_direction, lane_paths, may_be_picked, with_reversed)
 from ...core.errors import SiteError
 from ...core.records import Array, StereoPair
-from ...estimation.robust import robust_std
 from ...geometry.rig import StereoRig
 from ...road.evidence import log_evidences
 from ...road.fitted import RoadFit
@@ -46,11 +46,9 @@ _UNKNOWN_RAD2 = np.eye(3) * np.radians(1.0)**2  # covariance of a drift without 
 _END_STD_PX = 1.0  # 1-sigma of the ends of lines, which are extrapolated
 _END_PX = 4.0  # least distance of a clicked end beyond the last found point for extrapolation
 _LEAST_STILL_DEG = 1e-5  # 1-sigma that stands for an exact calibration
-_MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
 _DOUBTFUL = 0.01  # probability of a turn from which another fit must confirm it
 _SAME_OPTIMUM = 0.25  # square of the distance, in sigmas, of drifts of one optimum
 _STRAY_ROUNDS = 4  # most rounds of dropping strays, as each new road reveals others
-_LEAST_POINTS = 3  # fewest points of a line in a view
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +266,7 @@ def _checked(site: Site, first: Optional[RoadFit], views: tuple[Background, Back
     clicked, site, kept = site, _with_found(site, found), found
     free = fit_lines(site, rig, first.names, before, prior, first)
     for _ in range(_STRAY_ROUNDS):
-        without = _without_unclicked(clicked, free, _without_strays(free, kept, config), config)
+        without = _without_unclicked(clicked, free, without_strays(free, kept, config), config)
         if without == kept:
             break
         kept = without
@@ -346,28 +344,6 @@ def _is_same(fit: RoadFit, other: RoadFit) -> bool:
         return False
     apart = fit.drift_rad - other.drift_rad
     return bool(apart @ np.linalg.solve(fit.covariance[-3:, -3:], apart) < _SAME_OPTIMUM)
-
-
-def _without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
-    """
-    Return the lines without points far off the road, as of a rail, a shadow or behind a crest.
-
-    A line that would lose too many of its points is not a line of this road and is dropped.
-    """
-    picks, out = fit.problem.picks, dict(found)
-    off = np.abs(fit.off) / max(robust_std(fit.off), 1.0)
-    for number, name in enumerate(fit.names):
-        if name in found:
-            good = [off[picks.of_line(number, right)] < config.stray_sigmas
-                    for right in (False, True)]
-            if all(g.all() for g in good):
-                continue
-            if any(g.sum() < max((1 - _MOST_DROPPED) * len(g), _LEAST_POINTS) for g in good):
-                del out[name]
-            else:
-                left, right = (line.take(g) for line, g in zip(found[name], good))
-                out[name] = left, right
-    return out
 
 
 def _without_unclicked(clicked: Site, road: RoadFit, found: Found, config: RefineConfig) -> Found:
