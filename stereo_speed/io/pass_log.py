@@ -9,7 +9,7 @@ columns of ``passes.csv`` that its JSON contains, and the JSON itself.
 """
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 import json
 from pathlib import Path
 import sqlite3
@@ -65,9 +65,9 @@ class PassLog(AbstractContextManager['PassLog']):
         self.close()
 
     def close(self) -> None:
-        """Commit what was added, and close the file."""
-        self._database.commit()
-        self._database.close()
+        """Commit what was added, and close the file, even if the disk cannot be written."""
+        with closing(self._database):
+            self._database.commit()
 
     def _check(self) -> None:
         """Refuse a file whose tables have other columns."""
@@ -82,14 +82,20 @@ class PassLog(AbstractContextManager['PassLog']):
 
         :param text: JSON of the pass, as on the topic ``passes``.
         :return: whether it was new.
-        :raises InputError: the text does not describe a pass.
+        :raises InputError: the text does not describe a pass, or has values that SQLite cannot
+            store.
         """
         row = _pass_row(text)
-        with self._database:
-            self.keep()
-            places = ', '.join('?' * len(_PASSES))
-            return self._database.execute(
-                f'INSERT OR IGNORE INTO passes VALUES ({places})', row).rowcount == 1  # noqa: S608
+        places = ', '.join('?' * len(_PASSES))
+        try:
+            with self._database:
+                self.keep()
+                return self._database.execute(
+                    f'INSERT OR IGNORE INTO passes VALUES ({places})', row  # noqa: S608
+                ).rowcount == 1
+        except (OverflowError, UnicodeEncodeError) as error:
+            raise InputError('pass', 'value', f'{type(error).__name__}: {error}',
+                             'integers of 64 bits and valid text') from None
 
     def add_track(self, stamp_ns: int, vehicle: str, speed_mps: Optional[float],
                   speed_std_mps: Optional[float], position_m: Sequence[float]) -> None:
@@ -126,7 +132,7 @@ def _pass_row(text: str) -> list[Value]:
             'class': vehicle.get('class'), 'class_probability': vehicle.get('probability'),
             'json': text}
         return [known[name] for name in _PASSES]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError('pass', 'JSON', f'{type(error).__name__}: {error}',
                          'a pass as pass.schema.json describes it') from None
 

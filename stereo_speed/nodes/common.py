@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from tempfile import TemporaryDirectory
+import time
 from types import FrameType
 from typing import Any, Callable, ClassVar, Optional, Sequence
 
@@ -24,6 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 
 from .ports import abandoned, others_than
@@ -39,6 +41,9 @@ LATCHED = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE,
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BAD_INPUT = 2
+LAST_S = 4.0  # longest wait for what other nodes publish while they end; launch kills after 10 s
+_LOOK_S = 0.05
+_QUEUED = 200  # most messages that may have been received by then
 JUMP_NS = 1_000_000_000  # a stamp earlier by more than this is a jump of time, not a late image
 
 
@@ -175,6 +180,23 @@ class Parameters:
         if low is not None and high is not None and not low <= value <= high:
             raise InputError(where, name, value, f'a number in [{low}, {high}]')
         return float(value)
+
+
+def receive_last(node: Node, subscription: Subscription, most_s: float) -> None:
+    """
+    Receive what is still published on a topic while its nodes end, as this one does.
+
+    Ctrl-C and launch end all nodes at once, and a measuring node then publishes its open passes.
+
+    :param node: a node that is told to stop, whose context is still valid.
+    :param subscription: it is waited for until this has no publishers left.
+    :param most_s: longest time to wait, s; the publishers may go on.
+    """
+    end_s = time.monotonic() + most_s
+    while rclpy.ok() and time.monotonic() < end_s and subscription.get_publisher_count():
+        rclpy.spin_once(node, timeout_sec=_LOOK_S)
+    for _ in range(_QUEUED):  # each look takes one message
+        rclpy.spin_once(node, timeout_sec=0.0)
 
 
 def unknown_parameters(node: Node) -> list[str]:

@@ -22,7 +22,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from .common import LATCHED, latched_options, Parameters, run, stamp_ns
+from .common import (
+    LAST_S, LATCHED, latched_options, Parameters, receive_last, run, stamp_ns)
 from .diagnostics import Diagnostics
 from .health import ERROR, State, WARN
 from .subscriptions import image_kind, OfferedSubscription
@@ -113,9 +114,10 @@ class EvidenceNode(Node):
     def _publish_and_subscribe(self, kind: type, suffix: str) -> None:
         latched = {'qos_overriding_options': latched_options()}
         self.violations = self.create_publisher(String, 'violations', LATCHED, **latched)
-        for topic, callback in (('instrument', self.on_instrument), ('passes', self.on_pass),
-                                ('pass_traces', self.on_trace)):
+        _, self._passes, _ = [
             self.create_subscription(String, topic, callback, LATCHED, **latched)
+            for topic, callback in (('instrument', self.on_instrument), ('passes', self.on_pass),
+                                    ('pass_traces', self.on_trace))]
         for side in SIDES:
             OfferedSubscription(self, kind, f'{side}/image_raw{suffix}',
                                 partial(self.on_image, side))
@@ -274,7 +276,12 @@ class EvidenceNode(Node):
         self.get_logger().error(f'{what}: {why}', throttle_duration_sec=1.0)
 
     def close(self) -> None:
-        """Write the last records, because the node stops; images not received yet are missing."""
+        """
+        Write the last records, because the node stops; images not received yet are missing.
+
+        Those of passes count that a measuring node publishes as it ends with this one.
+        """
+        receive_last(self, self._passes, LAST_S)
         for one in self._undecided:
             self._decide(one.recorder, one.name, one.result)
         self._undecided.clear()

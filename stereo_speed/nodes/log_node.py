@@ -3,6 +3,7 @@
 """``log_node``: writes passes and readings into an SQLite file, crash-safe."""
 from __future__ import annotations
 
+from collections import deque
 from functools import partial
 import math
 from pathlib import Path
@@ -14,7 +15,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from .common import (
-    LATCHED, latched_options, Parameters, qos_options, RELIABLE, run, stamp_ns)
+    LAST_S, LATCHED, latched_options, Parameters, qos_options, receive_last, RELIABLE, run, stamp_ns)
 from .diagnostics import Diagnostics
 from .health import ERROR, State
 from .speeds import speed_of
@@ -22,12 +23,15 @@ from ..core.errors import InputError
 from ..io.pass_log import PassLog
 
 
+_MOST_UNWRITTEN = 10000  # greatest number of passes that wait for a disk that can be written
+
+
 class LogNode(Node):
     """
     Writes every pass of ``passes``, and every state of ``tracks``, into an SQLite file.
 
     A pass is on the disk as soon as it has arrived; readings are synced every ``sync_s``.  While
-    the disk cannot be written, ``/diagnostics`` has an ERROR.
+    the disk cannot be written, ``/diagnostics`` has an ERROR, and passes wait until it can.
     """
 
     def __init__(self) -> None:
@@ -37,10 +41,11 @@ class LogNode(Node):
         sync_s = p.get('sync_s', 1.0, 'interval at which readings are synced to the disk [s]',
                        0.05, 3600.0)
         self.log = PassLog(Path(path).expanduser())
-        self.passes = self.tracks = self.refused = 0
+        self.passes = self.tracks = self.refused = self.lost = 0
         self.fault = ''
-        self.create_subscription(String, 'passes', self.on_pass, LATCHED,
-                                 qos_overriding_options=latched_options())
+        self.unwritten: deque[str] = deque()  # texts of passes
+        self._told = self.create_subscription(String, 'passes', self.on_pass, LATCHED,
+                                              qos_overriding_options=latched_options())
         self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
                                  qos_overriding_options=qos_options())
         # Steady time, because simulated time stops with the images.
@@ -49,14 +54,25 @@ class LogNode(Node):
 
     def on_pass(self, msg: String) -> None:
         """Write a pass, unless it is in the file: the topic repeats recent ones."""
-        try:
-            self.passes += self.log.add_pass(msg.data)
-            self.fault = ''
-        except InputError as error:
-            self.refused += 1
-            self.get_logger().error(str(error))
-        except sqlite3.Error as error:
-            self.failed(error)
+        self.unwritten.append(msg.data)
+        if len(self.unwritten) > _MOST_UNWRITTEN:
+            self.unwritten.popleft()
+            self.lost += 1
+        self._write_passes()
+
+    def _write_passes(self) -> None:
+        """Write the passes that wait, oldest first, until all are written or the disk fails."""
+        while self.unwritten:
+            try:
+                self.passes += self.log.add_pass(self.unwritten[0])
+                self.fault = ''
+            except InputError as error:
+                self.refused += 1
+                self.get_logger().error(str(error))
+            except sqlite3.Error as error:
+                self.failed(error)
+                return
+            self.unwritten.popleft()
 
     def on_track(self, track: Odometry) -> None:
         """Write a state of a track, with a speed only if it is a measurement."""
@@ -68,15 +84,18 @@ class LogNode(Node):
                                    speed.twist.covariance[0]), (at.x, at.y, at.z))
             self.tracks += 1
         except sqlite3.Error as error:
+            self.lost += 1
             self.failed(error)
 
     def sync(self) -> None:
         """Sync new data to the disk, which can be written again once this succeeds."""
         try:
-            if self.log.keep():
+            if self.log.keep() and not self.unwritten:
                 self.fault = ''
         except sqlite3.Error as error:
             self.failed(error)
+            return
+        self._write_passes()
 
     def failed(self, error: sqlite3.Error) -> None:
         """Report that nothing could be written."""
@@ -87,14 +106,21 @@ class LogNode(Node):
         """Return level and counts for ``/diagnostics``."""
         state = State('logging', values={
             'file': str(self.log.path), 'passes': self.passes, 'tracks': self.tracks,
-            'refused': self.refused})
+            'refused': self.refused, 'unwritten': len(self.unwritten), 'lost': self.lost})
         if self.fault:
             state.find(ERROR, self.fault)
         return state
 
     def close(self) -> None:
-        """Close the file."""
-        self.log.close()
+        """Write the passes that nodes publish as they end with this one, and close the file."""
+        receive_last(self, self._told, LAST_S)
+        self.sync()
+        try:
+            self.log.close()
+        except sqlite3.Error as error:
+            self.failed(error)
+        if self.fault:
+            self.get_logger().error(f'{self.fault}; {len(self.unwritten)} passes are not written')
 
 
 main = partial(run, LogNode)

@@ -1,15 +1,18 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
-"""``log_node`` over real DDS, killed directly after logging."""
+"""``log_node`` over real DDS, killed directly after logging, and stopped with other nodes."""
 from __future__ import annotations
 
+import signal
 import sqlite3
+import subprocess
 
 import pytest
 
 pytest.importorskip('rclpy')
 
 from nav_msgs.msg import Odometry  # noqa: E402, I100
+from rclpy.duration import Duration  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from stereo_speed.cli.demo import Process  # noqa: E402
@@ -55,4 +58,26 @@ def test_published_messages_are_in_the_file_even_after_a_kill(stand_in, tmp_path
     assert database.execute('SELECT * FROM tracks').fetchall() == [
         (7_000_000_005, 'vehicle_0', 24.5, 0.2, 0.0, 0.0, 30.0)]
     assert database.execute('PRAGMA integrity_check').fetchall() == [('ok',)]
+    database.close()
+
+
+def test_passes_that_are_published_while_all_nodes_end_are_in_the_file(stand_in, tmp_path):
+    """A measuring node publishes its open passes when it is told to stop, as this node is."""
+    from stereo_speed.nodes.common import LATCHED
+    path = tmp_path / 'passes.sqlite'
+    passes = stand_in.create_publisher(String, '/passes', LATCHED)
+    texts = [pass_text('run', PassResult(k, 'near', 10, 20, 5, 24.5, 0.1, Verdict.MEASURED, '',
+                                         {}, {})) for k in range(2)]
+    with Process('log_node', f'file:={path}') as node:
+        passes.publish(String(data=texts[0]))
+        stand_in.wait(lambda: passes.get_subscription_count() == 1, STARTUP_S)
+        node.process.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):  # it waits for this process
+            node.process.wait(1.0)
+        passes.publish(String(data=texts[1]))
+        assert passes.wait_for_all_acked(Duration(seconds=EVENT_S))
+        stand_in.destroy_publisher(passes)
+        assert node.process.wait(EVENT_S) == 0
+    database = sqlite3.connect(path)
+    assert [row[0] for row in database.execute('SELECT json FROM passes')] == texts
     database.close()
