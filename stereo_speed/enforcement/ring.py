@@ -14,6 +14,9 @@ class ImageRing:
     """
     Buffers the newest images of both views by their stamps.
 
+    An image far from the others of its side in time is put aside until the next one of that side:
+    if both agree, time has jumped, and images of another time are dropped; else its stamp is wrong.
+
     :param most_bytes: greatest total size.
     :param most_ns: greatest time span, ns.
     """
@@ -22,6 +25,7 @@ class ImageRing:
         self._most_bytes, self._most_ns = most_bytes, most_ns
         self._images: OrderedDict[tuple[int, str], SourceImage] = OrderedDict()
         self._last_ns: dict[str, int] = {}  # stamp of the last image of a side
+        self._aside: dict[str, tuple[int, SourceImage]] = {}  # by side
         self.bytes = 0
 
     @classmethod
@@ -40,6 +44,16 @@ class ImageRing:
         :param stamp_ns: its header stamp.
         :param image: the image as received.
         """
+        aside = self._aside.pop(side, None)
+        if abs(stamp_ns - self._last_ns.get(side, stamp_ns)) <= self._most_ns:
+            self._keep(side, stamp_ns, image)
+        elif aside is not None and abs(stamp_ns - aside[0]) <= self._most_ns:
+            self._keep(side, *aside)
+            self._keep(side, stamp_ns, image)
+        else:
+            self._aside[side] = stamp_ns, image
+
+    def _keep(self, side: str, stamp_ns: int, image: SourceImage) -> None:
         key = stamp_ns, side
         self._last_ns[side] = stamp_ns
         if key in self._images:  # sent twice

@@ -17,6 +17,7 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 
 
+_OWN_CENTRE_M = 1e-6  # distance of a camera from where it should be, m, due to rounding
 _LARGEST = 1e9  # larger numbers would soon overflow in squares and products
 
 
@@ -91,7 +92,11 @@ def rig_from_info(left_msg: Any, right_msg: Any, where: object) -> StereoRig:
     left = camera_from_info(left_msg, 'left', at_left)
     right = camera_from_info(right_msg, 'right', at_right)
     r1, r2 = _rotation(left_msg, at_left), _rotation(right_msg, at_right)
-    _matrix(left_msg, 'P', (3, 4), at_left)
+    p1 = _matrix(left_msg, 'P', (3, 4), at_left)
+    for number, far in ((3, p1[0, 3]), (7, p1[1, 3])):
+        if abs(far) > _OWN_CENTRE_M * max(abs(p1[0, 0]), 1.0):
+            raise CalibrationError(at_left, f'CameraInfo P[{number}]', far,
+                                   '0 (the baseline is measured from the left camera)')
     p2 = _matrix(right_msg, 'P', (3, 4), at_right)
     if p2[0, 0] <= 0:
         raise CalibrationError(at_right, 'CameraInfo P[0]', p2[0, 0], 'a focal length > 0')
@@ -99,7 +104,7 @@ def rig_from_info(left_msg: Any, right_msg: Any, where: object) -> StereoRig:
     if -tx <= 0:
         raise CalibrationError(at_right, 'baseline -P[3]/P[0]', f'{0.0 - tx:g} m',
                                '> 0 m (are left and right swapped?)')
-    if abs(p2[1, 3] / p2[0, 0]) > 1e-6:
+    if abs(p2[1, 3] / p2[0, 0]) > _OWN_CENTRE_M:
         raise CalibrationError(at_right, 'CameraInfo P[7]', p2[1, 3],
                                '0 (cameras side by side)')
     return StereoRig(left=left, right=right, R=r2.T @ r1, t=r2.T @ np.array([tx, 0.0, 0.0]),

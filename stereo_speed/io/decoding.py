@@ -27,7 +27,7 @@ MOST_BYTES = 1 << 27  # of decoded pixels: 33 megapixels in colour, 67 of 16-bit
 _JPEG_START, _PNG_START = b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\n'
 # How lines of the decoders begin; lines of other writers are passed on.
 _HARMLESS = ('Unknown Adobe', 'Warning: unknown JFIF', 'Corrupt JPEG data: bad ICC',
-             'libpng warning', '[ WARN', '[ERROR', '[ INFO', 'Cleanup called',
+             'libpng warning', '[ WARN:', '[ERROR:', '[ INFO:', 'Cleanup called',
              'imdecode_(', 'imread_(', 'OpenCV(', '\n')
 _DAMAGE = ('Corrupt JPEG', 'Premature end', 'Invalid SOS', 'Inconsistent progression',
            'Application transferred', 'Invalid', 'Unsupported', 'libpng error', 'Unexpected',

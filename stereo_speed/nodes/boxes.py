@@ -31,9 +31,11 @@ def boxes_from_message(msg: PointCloud2) -> list[ImageBox]:
     """
     Return the boxes of a message.
 
-    :raises InputError: a field is missing, the data are too short for their sizes, or a box is not
-        finite.
+    :raises InputError: a field is missing or lies beyond its point, the data are too short for
+        their sizes, or a box is not finite.
     """
+    if not msg.width * msg.height:
+        return []
     order = '>' if msg.is_bigendian else '<'
     kinds = {f.name: (order + _KINDS[f.datatype], f.offset) for f in msg.fields
              if f.name in _FIELDS and f.datatype in _KINDS}
@@ -41,6 +43,9 @@ def boxes_from_message(msg: PointCloud2) -> list[ImageBox]:
         if name not in kinds:
             given = ', '.join(f.name for f in msg.fields) or 'none'
             raise InputError(BOXES_TOPIC, 'fields', given, ', '.join(_NEEDED))
+    end = max(at + np.dtype(kind).itemsize for kind, at in kinds.values())
+    if msg.point_step < end:
+        raise InputError(BOXES_TOPIC, 'point_step', msg.point_step, f'{end}, where the fields end')
     count, data = msg.width * msg.height, bytes(msg.data)
     if msg.height > 1 and msg.row_step != msg.width * msg.point_step:
         raise InputError(BOXES_TOPIC, 'row_step', msg.row_step, msg.width * msg.point_step)

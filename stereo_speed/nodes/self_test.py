@@ -27,6 +27,7 @@ from ..pipeline.config import PipelineConfig
 from ..pipeline.self_test import off_percent
 
 _LONGEST_S = 300.0  # time after which a test has failed
+_RETRY_S = 60.0  # until a test that could not be started is tried again
 _FILES = ('site.yaml', 'truth.csv', 'bag')
 
 
@@ -80,9 +81,13 @@ class SelfTestWatch:
         if self._process is None:
             if now_s >= self._due_s:
                 self._begun_s, self._due_s = now_s, now_s + self.interval_s
-                self._process = subprocess.Popen(
-                    self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                    stderr=subprocess.STDOUT, text=True)
+                try:
+                    self._process = subprocess.Popen(
+                        self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                        stderr=subprocess.STDOUT, text=True)
+                except OSError as error:  # no memory, no processes or no files left
+                    self._due_s = now_s + min(self.interval_s, _RETRY_S)
+                    self._ended(-1, f'self-test cannot be started: {error}')
         elif self._process.poll() is not None:
             text = self._process.communicate()[0].strip()
             self._ended(self._process.returncode, text.splitlines()[-1] if text else '')

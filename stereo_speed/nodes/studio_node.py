@@ -24,6 +24,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from .common import LATCHED, Parameters, qos_options, RELIABLE, run, stamp_ns
+from ..core.errors import StereoSpeedError
 from ..io.images import grey_from_message
 from ..studio.guard import Guard, LOCALHOST
 from ..studio.live import LiveHealth, LiveReading, LiveState
@@ -92,12 +93,16 @@ class StudioNode(Node):
                 status.name, level, status.message, {v.key: v.value for v in status.values}))
 
     def on_overlay(self, view: str, msg: Image) -> None:
-        """Show an annotated image, unless one of that view has just been shown."""
+        """Show an annotated image, unless one of its view was just shown or it is no image."""
         now_s = time.monotonic()
         if now_s < self.next_s[view]:
             return
+        try:
+            jpeg = cv2.imencode('.jpg', _pixels(msg), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+        except (StereoSpeedError, ValueError, cv2.error) as error:
+            self.get_logger().warning(f'overlay: image ignored: {error}', once=True)
+            return
         self.next_s[view] = now_s + self.period_s
-        jpeg = cv2.imencode('.jpg', _pixels(msg), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
         self.live.add_image(view, jpeg.tobytes())
 
     def close(self) -> None:

@@ -332,9 +332,33 @@ def test_ring_is_limited_in_bytes_and_time():
     assert ring.get('left', 190) is not None and ring.get('left', 130) is None
     ring.add('right', 195, SourceImage('jpeg', bytes(900)))
     assert ring.bytes <= 1000 and ring.get('right', 195) is not None
-    # a jump of time drops images of another time
+    # a jump of time drops images of another time, as soon as two images tell of it
     ring.add('left', 5, SourceImage('jpeg', bytes(10)))
-    assert len(ring) == 1
+    assert ring.get('left', 5) is None and ring.get('right', 195) is not None
+    ring.add('left', 15, SourceImage('jpeg', bytes(10)))
+    assert len(ring) == 2 and ring.get('left', 5) is not None
+
+
+def test_wrong_stamps_do_not_empty_the_ring():
+    """An hour ahead, 0, and once more, of a camera that is an image a second."""
+    ring, image, second = ImageRing(10 ** 6, 30 * 10 ** 9), SourceImage('jpeg', bytes(1)), 10 ** 9
+    for k in range(100, 120):
+        for side in ('left', 'right'):
+            ring.add(side, k * second, image)
+    for wrong in ((3700 * second,), (0, 3700 * second)):
+        for ns in wrong:
+            ring.add('left', ns, image)
+        ring.add('left', 120 * second, image)
+        assert len(ring) == 41 and ring.get('left', 100 * second) is not None
+        assert ring.may_come('left', 121 * second)
+
+
+def test_time_that_has_jumped_back_is_kept_for_both_sides():
+    ring, image = ImageRing(1000, 100), SourceImage('jpeg', bytes(1))
+    for ns in (1000, 1010, 5, 15):
+        for side in ('left', 'right'):
+            ring.add(side, ns, image)
+    assert len(ring) == 4 and ring.get('left', 5) is not None and ring.get('right', 5) is not None
 
 
 def test_trace_and_pass_are_read_back_from_messages(sample):

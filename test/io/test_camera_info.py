@@ -76,6 +76,10 @@ def changed(values, index, value):
     ('left', {'d': np.zeros(3)}, 'left: CameraInfo D: found 3 coefficients, wanted 0 or 4 or 5'),
     ('left', {'distortion_model': 'fov'}, "distortion_model: found 'fov', wanted one of"),
     ('left', {'width': 0}, 'left: CameraInfo size: found 0x12'),
+    ('left', {'p': changed([20.0, 0, 7.5, 0, 0, 20, 5.5, 0, 0, 0, 1, 0], 3, -10.0)},
+     r'left: CameraInfo P\[3\]: found -10.0, wanted 0'),  # the second of three cameras
+    ('left', {'p': changed([20.0, 0, 7.5, 0, 0, 20, 5.5, 0, 0, 0, 1, 0], 7, 1.0)},
+     r'left: CameraInfo P\[7\]: found 1.0, wanted 0'),
     ('left', {'r': np.zeros(9)}, 'left: CameraInfo R: found .*wanted a rotation matrix'),
     ('left', {'r': -np.eye(3).reshape(-1)}, 'left: CameraInfo R: '),
     ('right', {'p': np.zeros(12)}, r'right: CameraInfo P\[0\]: found 0.0, wanted a focal'),

@@ -98,9 +98,10 @@ def test_invalid_image_is_refused(data):
 
 def test_messages_of_other_code_are_passed_on(capfd):
     with caught_chatter() as lines:
-        os.write(2, b'a log line\nCorrupt JPEG data: bad Huffman code\nanother\n')
+        os.write(2, b'[ERROR] [17.1] [tracker_node]: a log line of ROS\n'
+                 b'Corrupt JPEG data: bad Huffman code\nanother\n')
         with caught_chatter() as inner:
             os.write(2, b'Premature end of JPEG file\n')
     assert (lines, inner) == (['Corrupt JPEG data: bad Huffman code'],
                               ['Premature end of JPEG file'])
-    assert capfd.readouterr().err == 'a log line\nanother\n'
+    assert capfd.readouterr().err == '[ERROR] [17.1] [tracker_node]: a log line of ROS\nanother\n'

@@ -26,6 +26,11 @@ def test_boxes_come_back(boxes):
     assert msg.width == len(boxes) and boxes_from_message(msg) == boxes
 
 
+def test_cloud_without_points_is_no_vehicle_whatever_its_layout():
+    assert boxes_from_message(PointCloud2()) == []
+    assert boxes_from_message(cloud(FLOATS, b'', 0, width=0)) == []
+
+
 def cloud(fields, data, step, width=1, **changes):
     """Return a cloud of fields (name, datatype, offset)."""
     return PointCloud2(
@@ -51,7 +56,9 @@ FLOATS = [(n, PointField.FLOAT32, 4 * k) for k, n in enumerate(('x', 'y', 'width
     (cloud(FLOATS[:3], bytes(12), 12), 'fields: found x, y, width, wanted x, y, width, height'),
     (cloud(FLOATS, bytes(15), 16), 'data: found 15 bytes, wanted 16 for 1 points'),
     (cloud(FLOATS, struct.pack('<4f', 1, 2, float('nan'), 4), 16), 'not finite'),
-], ids=['field', 'short', 'nan'])
+    (cloud(FLOATS, bytes(12), 12), 'point_step: found 12, wanted 16, where the fields end'),
+    (cloud(FLOATS, bytes(16), 0), 'point_step: found 0, wanted 16, where the fields end'),
+], ids=['field', 'short', 'nan', 'beyond', 'no step'])
 def test_invalid_box_is_refused(msg, words):
     with pytest.raises(InputError, match=words):
         boxes_from_message(msg)

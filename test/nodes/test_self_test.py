@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from stereo_speed.core.errors import InputError  # noqa: E402, I100
+from stereo_speed.nodes import self_test  # noqa: E402
 from stereo_speed.nodes.health import ERROR, OK  # noqa: E402
 from stereo_speed.nodes.self_test import SelfTestWatch  # noqa: E402
 from stereo_speed.pipeline.config import PipelineConfig  # noqa: E402
@@ -79,3 +80,22 @@ def test_without_a_folder_nothing_is_withheld():
     watch = make_watch('')
     watch.poll()
     assert not watch.withholds and watch.state().message == 'no self-test is configured'
+
+
+def test_self_test_that_cannot_be_started_is_tried_again(sample, monkeypatch):
+    """When there is no memory for another process; the node goes on."""
+    watch = make_watch(sample)
+    with monkeypatch.context() as patch:
+        def no_memory(*_, **__):
+            raise OSError(12, 'Cannot allocate memory')
+        patch.setattr(self_test.subprocess, 'Popen', no_memory)
+        watch.poll()
+        watch.poll()  # not yet again
+    try:
+        assert watch.withholds and watch.failed == 1
+        assert 'cannot be started: [Errno 12]' in watch.state().message
+        monkeypatch.setattr(self_test, 'time', SimpleNamespace(
+            monotonic=lambda now=time.monotonic: now() + 61.0))
+        poll_until(watch, lambda: not watch.withholds)
+    finally:
+        watch.close()

@@ -59,6 +59,9 @@ def test_messages_of_the_graph_are_on_the_page(stand_in):
             speed.twist.covariance[0] = 0.04
             speeds.publish(speed)
             for publisher in (images, right):
+                for no_image in (Image(), Image(encoding='bgr8', height=2, width=2, step=6),
+                                 Image(encoding='jpeg', height=1, width=1, step=1, data=[1])):
+                    publisher.publish(no_image)
                 publisher.publish(image_message(np.zeros((48, 64, 3), np.uint8), ns=5,
                                                 frame_id='left'))
             health.publish(DiagnosticArray(status=[DiagnosticStatus(
