@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from .camera import Camera
 from .projection import projected, Projection
-from ..core.errors import CalibrationError
-from ..core.records import Array, RigMotion
+from ..core.errors import CalibrationError, InputError
+from ..core.records import Array, RigMotion, StereoPair
 
 Angles = Union[Sequence[float], Array]  # (3,) pan, tilt and roll
 
@@ -96,9 +96,9 @@ class StereoRig:
             :meth:`drifted`, about the left camera's axes.
         """
         rotation = of_camera(sway_rad)
-        before = self.left.rotation
-        left = replace(self.left, rotation=rotation if before is None else rotation @ before)
-        return replace(self, left=left, R=self.R @ rotation)
+        before = np.eye(3) if self.left.rotation is None else self.left.rotation
+        total = rotation @ before
+        return replace(self, left=replace(self.left, rotation=total), R=self.R @ before.T @ total)
 
     def as_taken(self, motion: Optional[RigMotion]) -> StereoRig:
         """
@@ -110,6 +110,20 @@ class StereoRig:
             return self
         rig = self.drifted(motion.drift_rad) if any(motion.drift_rad) else self
         return rig.swayed(motion.sway_rad) if any(motion.sway_rad) else rig
+
+    def check_sizes(self, pair: StereoPair) -> None:
+        """
+        Check the images of a pair against the calibration.
+
+        :raises InputError: an image has another size.
+        """
+        for side, image, camera in (('left', pair.left, self.left),
+                                    ('right', pair.right, self.right)):
+            if image.shape != (camera.height_px, camera.width_px):
+                raise InputError(
+                    f'pair {pair.index}', f'{side} image size',
+                    f'{image.shape[1]}x{image.shape[0]}',
+                    f'{camera.width_px}x{camera.height_px} as calibrated')
 
     @property
     def baseline_m(self) -> float:

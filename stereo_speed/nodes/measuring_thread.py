@@ -30,6 +30,7 @@ from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
 from ..core.records import StereoPair
 from ..detection.protocol import ImageBox, TakesBoxes
+from ..geometry.rig import StereoRig
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.conclusions import Beside
 from ..pipeline.pipeline import SpeedPipeline
@@ -236,9 +237,9 @@ class MeasuringThread:
         settings, (self._adopted, rig) = self._settings, self._calibration.current
         if rig is None or len(self._waiting) < settings.refine_pairs:
             return
-        pairs = [
-            pair for arrival in self._waiting
-            if (pair := self._pair_of(arrival)) is not None] if settings.refine_pairs else None
+        pairs = self._fitting(rig) if settings.refine_pairs else None
+        if pairs is not None and len(pairs) < settings.refine_pairs:
+            return
         with suppress(InputError):  # the error is reported when the pair is measured
             first = self._waiting[0]
             self._admission.begin(rig, first.pair(first.index))  # runs while the pipeline is made
@@ -262,6 +263,23 @@ class MeasuringThread:
                 self._counts.early.add()
                 self._pass_over(arrival.ns)
         self.queue.ready()
+
+    def _fitting(self, rig: StereoRig) -> list[StereoPair]:
+        """
+        Return the waiting pairs to refine the site by; those that cannot be used wait no longer.
+
+        While cameras are being set up, pairs may not have the size of the calibration.
+        """
+        pairs = []
+        for arrival in list(self._waiting):
+            try:
+                pair = arrival.pair(arrival.index)
+                rig.check_sizes(pair)
+                pairs.append(pair)
+            except InputError as error:
+                self._refusals.add('pair', error)
+                self._waiting.remove(arrival)
+        return pairs
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
         """

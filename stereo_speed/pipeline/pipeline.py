@@ -233,7 +233,7 @@ class SpeedPipeline:
         doubt = self.doubt
         if doubt.stamps.add(pair.stamp_ns):
             self._end_by_step()
-        self._check_size(pair)
+        self.rig.check_sizes(pair)
         self._starter.stamp_std_s = doubt.see_stamps()
         gaps = tuple(doubt.stamps.gaps)
         step = doubt.clock_step(gaps)
@@ -512,15 +512,6 @@ class SpeedPipeline:
                 self._roster.tracks.append(one[0])
                 begun.append(one)
         return begun
-
-    def _check_size(self, pair: StereoPair) -> None:
-        for side, image, camera in (('left', pair.left, self.rig.left),
-                                    ('right', pair.right, self.rig.right)):
-            if image.shape != (camera.height_px, camera.width_px):
-                raise InputError(
-                    f'pair {pair.index}', f'{side} image size',
-                    f'{image.shape[1]}x{image.shape[0]}',
-                    f'{camera.width_px}x{camera.height_px} as calibrated')
 
 
 def _known(updates: Iterable[Optional[TrackUpdate]]) -> list[TrackUpdate]:

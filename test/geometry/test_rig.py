@@ -127,6 +127,17 @@ def test_sway_is_a_rigid_rotation_of_both_cameras():
     np.testing.assert_allclose(there, still.project(points @ of_camera(sway).T)[:2], atol=1e-9)
 
 
+def test_second_sway_is_that_of_the_rig_as_it_stands():
+    """Both sways about one axis are the sum of their angles; in general, the rig stays rigid."""
+    rig = make_rig()
+    twice = rig.swayed((0.01, 0, 0)).swayed((0.02, 0, 0))
+    np.testing.assert_allclose(twice.R, rig.swayed((0.03, 0, 0)).R, atol=1e-12)
+    tilted = rig.swayed((0.01, -0.004, 0.02)).swayed((-0.02, 0.01, 0.005))
+    points = np.random.default_rng(2).uniform([-5, -3, 15], [5, 3, 80], (25, 3))
+    there = tilted.project(points)[:2]
+    np.testing.assert_allclose(there, rig.project(points @ tilted.left.rotation.T)[:2], atol=1e-9)
+
+
 def test_unmoved_rig_is_unchanged():
     """No motion, and a zero motion, cost nothing and change nothing."""
     rig = make_rig()

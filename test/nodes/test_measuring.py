@@ -3,6 +3,7 @@
 """Diagnostics of a measuring node as its states change, in this process."""
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -11,6 +12,9 @@ import pytest
 pytest.importorskip('rclpy')
 
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402, I100
+from stereo_speed.core.errors import SiteError  # noqa: E402
+from stereo_speed.io.bags import StereoBag  # noqa: E402
+from stereo_speed.nodes import measuring_thread  # noqa: E402
 from stereo_speed.nodes.health import WARN  # noqa: E402
 from stereo_speed.nodes.measuring_thread import MeasuringThread  # noqa: E402
 from stereo_speed.nodes.tracker import TrackerNode  # noqa: E402
@@ -79,6 +83,32 @@ def test_pairs_that_come_long_before_the_calibration_are_not_told_as_overload(no
     assert [arrival.ns for arrival in thread._waiting] == list(range(10, 60))
     assert 'pairs were too old when measuring began: 10' in measuring.state().message
     thread._waiting.clear()
+
+
+def test_site_is_refined_by_pairs_of_the_calibrated_size_only(in_process, sample, monkeypatch):
+    """A camera that is being set up may send images of half the size until it is."""
+    with StereoBag(sample / 'bag') as bag:
+        rig, full = bag.rig, next(iter(bag.pairs()))
+    half = replace(full, left=full.left[::2, ::2], right=full.right[::2, ::2])
+    with in_process(TrackerNode, f'site:={sample / "site.yaml"}', 'refine_site_pairs:=3') as node:
+        node.trigger_configure()
+        thread = MeasuringThread(node.measuring.context, node.measuring.configuration)
+        thread._calibration.current = 1, rig
+        given = []
+
+        def of(site, rig, pairs, config):
+            given.extend(pairs)
+            raise SiteError('site', 'lines', 'enough', 'to end this test')
+        monkeypatch.setattr(measuring_thread, 'MeasuringSite', SimpleNamespace(of=of))
+        monkeypatch.setattr(thread._admission, 'begin', lambda rig, pair: None)
+        for k, pair in enumerate((half, half, full, replace(full, right=half.right), full)):
+            thread._take(SimpleNamespace(ns=k, index=k, came_s=0.0, pair=lambda _, one=pair: one))
+        assert not given and [arrival.ns for arrival in thread._waiting] == [2, 4]
+        with pytest.raises(SiteError, match='to end this test'):
+            thread._take(SimpleNamespace(ns=5, index=5, came_s=0.0, pair=lambda _: full))
+        assert [pair is full for pair in given] == [True] * 3
+        assert 'refused' in thread.state().message
+        thread._waiting.clear()
 
 
 @pytest.mark.parametrize('fails', [False, True])
