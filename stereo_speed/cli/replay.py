@@ -44,7 +44,7 @@ from ..pipeline.registry import DETECTORS, Registry, TRACKERS
 from ..pipeline.run import gather, Observer, Run, run as run_pipeline
 from ..report.overlay import draw, strip
 from ..road.lanes import LanePath
-from ..site.file import load_site
+from ..site.file import load_site, Site
 from ..site.init_file import load_init
 from ..site.refine.report import report, summary as report_summary, summary_lines
 from ..site.write import site_text
@@ -135,6 +135,30 @@ def run(args: argparse.Namespace, *, beside: bool = True) -> int:
 
 
 @dataclass(frozen=True)
+class _Inputs:
+    """
+    The files that a run is given besides the bag, as they were when it began.
+
+    :param site: the site.
+    :param annotations: the marked fronts; None without an init file.
+    :param sha256: SHA-256 of each file, for ``summary.json``; None for one that was not given.
+    """
+
+    site: Site
+    annotations: Optional[Sequence[InitialFront]]
+    sha256: Mapping[str, Optional[str]]
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> _Inputs:
+        """Read the files; that of the boxes is read as it is used."""
+        site = load_site(args.site)
+        annotations = None if args.init is None else load_init(args.init)
+        return cls(site, annotations, {
+            f'{name}_sha256': None if path is None or not path.is_file() else file_sha256(path)
+            for name, path in (('site', args.site), ('init', args.init), ('boxes', args.boxes))})
+
+
+@dataclass(frozen=True)
 class _Measured:
     """
     What came of a bag.
@@ -147,6 +171,8 @@ class _Measured:
     :param steadiness: lines on the steadiness of the rig; empty where it was not checked.
     :param evidence: lines on the evidence that was written.
     :param unused_boxes: number of stamps with boxes that match no pair.
+    :param parts: the parts it was measured in, to be removed once everything is written; None for
+        a run that was not divided.
     """
 
     place: MeasuringSite
@@ -157,13 +183,13 @@ class _Measured:
     steadiness: Sequence[str]
     evidence: Sequence[str]
     unused_boxes: int
+    parts: Optional[Parts]
 
 
 def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
     config = _config(args)
     check_options(args)
-    site = load_site(args.site)
-    annotations = None if args.init is None else load_init(args.init)
+    inputs = _Inputs.of(args)
     prepare_folder(args.out)
     if args.refine_site and args.site.resolve() == (args.out / REFINED_SITE).resolve():
         raise InputError('replay', '--out', args.out, 'a folder where the refined site does not '
@@ -171,25 +197,27 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
     tolerance = None if args.tolerance_ms is None else round(args.tolerance_ms * 1e6)
     rows = TrackRows(args.out)
     with StereoBag(args.bag, left=args.left, right=args.right, tolerance_ns=tolerance) as bag, \
-            Helpers.of(bag.pair_count, None if annotations is not None else config.detector,
+            Helpers.of(bag.pair_count, config.detector if inputs.annotations is None else None,
                        beside=beside) as helpers:
         if helpers.ahead:  # a thread, thus only now that the processes are forked
             bag.hash_ahead()
         place = MeasuringSite.of(
-            site, bag.rig, bag.pairs() if args.refine_site else None, config.site,
+            inputs.site, bag.rig, bag.pairs() if args.refine_site else None, config.site,
             rest_by=bag.pairs)
-        done = _measured(args, config, bag, place, annotations, helpers, rows, pictures)
+        done = _measured(args, config, bag, place, inputs, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
         place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))
+    if done.parts is not None:
+        done.parts.remove()
     _tell(args, done)
     return 0
 
 
 def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
-              place: MeasuringSite, annotations: Optional[Sequence[InitialFront]],
-              helpers: Helpers, rows: TrackRows, pictures: RunPictures) -> _Measured:
+              place: MeasuringSite, inputs: _Inputs, helpers: Helpers, rows: TrackRows,
+              pictures: RunPictures) -> _Measured:
     """Measure the pairs of a bag at a site, and sum up what came of it."""
-    refinement = _refinement(place)
+    refinement, annotations = _refinement(place), inputs.annotations
 
     def fresh() -> SpeedPipeline:
         return place.pipeline(
@@ -216,12 +244,13 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         evidence.finish(result.passes)
     steady = None if pipeline.doubt.steadier is None else pipeline.doubt.steadier.state()
     summary = {
-        **summarize(args, config.with_tolerances(place.site.tolerances), bag, result, place.lanes),
+        **summarize(args, config.with_tolerances(place.site.tolerances), bag, result, place.lanes,
+                    inputs.sha256),
         **evidence.summary(), **refinement,
         **({} if steady is None else {'steadiness': steadiness_summary(steady)})}
     return _Measured(place, result, frames, summary, dict(bag.pairing),
                      [] if steady is None else steadiness_lines(steady), evidence.lines(),
-                     len(feed.boxes))
+                     len(feed.boxes), parts)
 
 
 def _refinement(place: MeasuringSite) -> dict[str, Any]:
@@ -332,7 +361,8 @@ def _from(pairs: Iterable[StereoPair], first: int, pipeline: SpeedPipeline
 
 
 def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
-              result: Run, lanes: Mapping[str, LanePath]) -> dict[str, Any]:
+              result: Run, lanes: Mapping[str, LanePath], files: Mapping[str, Optional[str]]
+              ) -> dict[str, Any]:
     """
     Return the content of ``summary.json``; it does not depend on the machine's speed.
 
@@ -341,6 +371,7 @@ def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
     :param bag: the bag, read to its end.
     :param result: the run.
     :param lanes: the lanes, whose path quality is reported.
+    :param files: SHA-256 of the other input files.
     """
     return {
         'versions': software_versions(),
@@ -348,9 +379,7 @@ def summarize(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         'seed': args.seed,
         'refine_site': args.refine_site,
         'input': {'bag': args.bag.resolve().name, 'bag_sha256': bag.input_hash(),
-                  'site_sha256': file_sha256(args.site),
-                  'init_sha256': None if args.init is None else file_sha256(args.init),
-                  'boxes_sha256': None if args.boxes is None else file_sha256(args.boxes)},
+                  **files},
         'pairing': bag.pairing,
         'lanes': {lane.name: path_quality(lane) for lane in lanes.values()},
         'timings': stream_timings(result.stamps_ns),

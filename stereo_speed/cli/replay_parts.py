@@ -6,7 +6,7 @@ Measure long bags in parts, so that an interrupted run resumes at the last finis
 A part ends when it is long enough and no vehicle is in view.  The next part starts with a new
 pipeline that takes over only the rig motion, the statistics of the stamps and the track numbers.
 So a resumed run writes the same files as an uninterrupted one.  The results so far are kept in a
-hidden folder until the run is over.
+hidden folder until all files of the run are written.
 """
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ class Parts:
     """
     The parts of a run; a context manager.
 
-    After an error the kept results are removed; after an interruption they stay.
+    After an error the kept results are removed.  After an interruption they stay, and so they do
+    after the last pair until :meth:`remove`, as the results are still to be written then.
 
     :param folder: output folder of the run; with None nothing is kept, and the parts are the same.
     :param identity: everything that determines the results; kept results of a run with another
@@ -93,11 +94,16 @@ class Parts:
         return self
 
     def __exit__(self, kind: Optional[type[BaseException]], *_: object) -> None:
-        """Remove the kept results, unless the run was interrupted or the disk failed."""
-        if self._file is not None and self._folder is not None:
+        """Remove the kept results after an error other than of the disk."""
+        if self._file is not None:
             self._file.close()
-            if kind is None or issubclass(kind, Exception) and not issubclass(kind, OSError):
-                shutil.rmtree(self._folder, ignore_errors=True)
+            if kind is not None and issubclass(kind, Exception) and not issubclass(kind, OSError):
+                self.remove()
+
+    def remove(self) -> None:
+        """Remove the kept results."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def steps(self) -> Iterator[tuple[Step, Collection[int]]]:
         """Yield the kept steps and, for each, the numbers of the open tracks."""

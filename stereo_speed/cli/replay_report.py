@@ -15,7 +15,7 @@ from .options import add_units_option
 from ..core.records import StereoPair
 from ..core.units import SpeedUnit
 from ..io.pass_log import write_pass_log
-from ..io.results import REPORTS
+from ..io.results import REPORTS, TRACKS
 from ..io.video_writer import VideoWriter
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.pipeline import Step
@@ -97,7 +97,7 @@ class RunPictures(AbstractContextManager['RunPictures']):
             (stage / REPORT).write_text(page, encoding='utf-8')
         if self.args.sqlite:
             run = str(summary['input']['bag_sha256'])[:16]  # the same for the same bag
-            write_pass_log(stage / SQLITE, run, result.updates, result.passes)
+            write_pass_log(stage / SQLITE, run, stage / TRACKS, result.passes)
         if self._video is not None:
             self._video.path = stage / VIDEO
             self._video.keep()

@@ -45,27 +45,49 @@ class _StrictLoader(yaml.SafeLoader):
 _StrictLoader.add_constructor('tag:yaml.org,2002:int', _StrictLoader.construct_yaml_int)
 
 
-def read_yaml(path: Union[str, Path], kind_of_error: type[InputError] = SiteError) -> Any:
+def read_yaml(path: Union[str, Path], kind_of_error: type[InputError] = SiteError,
+              text: Optional[str] = None) -> Any:
     """
     Return the content of a YAML file, of any type.
 
     :param path: path of the file.
     :param kind_of_error: error to raise if the file cannot be read.
+    :param text: text of the file; None to read it.
+    """
+    if text is None:
+        text = read_text(path, kind_of_error)
+    try:
+        return yaml.load(text, _StrictLoader)  # noqa: S506 (a safe loader, made stricter)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise _unreadable(path, error, kind_of_error) from None
+
+
+def read_text(path: Union[str, Path], kind_of_error: type[InputError] = SiteError) -> str:
+    """
+    Return the text of a YAML file.
+
+    :param kind_of_error: error to raise if it cannot be read.
     """
     try:
-        text = Path(path).read_text(encoding='utf-8')
-        return yaml.load(text, _StrictLoader)  # noqa: S506 (a safe loader, made stricter)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
-        raise kind_of_error(path, 'file', ' '.join(str(error).split()), 'readable YAML') from None
+        return Path(path).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise _unreadable(path, error, kind_of_error) from None
 
 
-def load_yaml(path: Union[str, Path], version_key: str) -> Mapping[str, Any]:
+def _unreadable(path: Union[str, Path], error: Exception, kind_of_error: type[InputError]
+                ) -> InputError:
+    return kind_of_error(path, 'file', ' '.join(str(error).split()), 'readable YAML')
+
+
+def load_yaml(path: Union[str, Path], version_key: str, text: Optional[str] = None
+              ) -> Mapping[str, Any]:
     """
     Read a YAML mapping that states its kind and version as ``version_key: 1``.
 
+    :param text: text of the file; None to read it.
     :raises SiteError: an unreadable file, no mapping, or another kind or version.
     """
-    data = read_yaml(path)
+    data = read_yaml(path, text=text)
     if not isinstance(data, Mapping):
         raise SiteError(path, 'top level', kind(data), f'a mapping with {version_key}: 1')
     version = data.get(version_key)

@@ -67,7 +67,6 @@ class Instrument:
         :param run: name of the run.
         :param place: the site as used for measuring.
         :param config: the parameters.
-        :raises InputError: the site file cannot be read again.
         """
         used = config.with_tolerances(place.site.tolerances)
         return cls(run, software_fingerprint(), software_versions(),
@@ -174,9 +173,6 @@ def place_of(site: Site, calibration: Mapping[str, Any], config: PipelineConfig,
 
 def _site_yaml(place: MeasuringSite) -> str:
     """Return the text of the site file that describes the site as used."""
-    if place.refined is not None or place.corrected:
+    if place.refined is not None or place.corrected or not place.site.text:
         return site_text(place.site)
-    try:
-        return Path(place.site.where).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(place.site.where, 'file', error, 'the site file as it was') from None
+    return place.site.text

@@ -10,6 +10,7 @@ columns of ``passes.csv`` that its JSON contains, and the JSON itself.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, closing
+import csv
 import json
 from pathlib import Path
 import sqlite3
@@ -18,7 +19,7 @@ from typing import Any, Mapping, Optional, Sequence, Union
 from .pass_json import FORMAT, pass_text
 from ..core.errors import InputError
 from ..core.passes import PassResult
-from ..core.records import TrackUpdate
+from ..core.records import TrackState
 
 _PASSES = {
     'id': 'TEXT PRIMARY KEY', 'run': 'TEXT', 'track': 'INTEGER', 'lane': 'TEXT',
@@ -137,18 +138,24 @@ def _pass_row(text: str) -> list[Value]:
                          'a pass as pass.schema.json describes it') from None
 
 
-def write_pass_log(path: Path, run: str, updates: Sequence[TrackUpdate],
-                   passes: Sequence[PassResult]) -> None:
+def write_pass_log(path: Path, run: str, tracks: Path, passes: Sequence[PassResult]) -> None:
     """
     Write passes and readings of a finished run; the same run gives the same bytes.
 
     :param path: path of a new file.
     :param run: name of the run, for the ids of its passes.
+    :param tracks: ``tracks.csv`` of the run, which has all readings of a run of any length.
+    :raises InputError: the file cannot be written.
     """
-    with PassLog(path, live=False) as log:
-        for u in sorted(updates, key=lambda u: (u.stamp_ns, u.track)):
-            measured = u.state.value == 'confirmed'
-            speed, std = (float(u.speed_mps), float(u.speed_std_mps)) if measured else (None, None)
-            log.add_track(u.stamp_ns, f'vehicle_{u.track}', speed, std, u.position_m.tolist())
-        for one in sorted(passes, key=lambda p: p.track):
-            log.add_pass(pass_text(run, one))
+    try:
+        with PassLog(path, live=False) as log, tracks.open(newline='', encoding='utf-8') as file:
+            for row in csv.DictReader(file):
+                measured = row['state'] == TrackState.CONFIRMED.value
+                speed, std = (float(row[key]) if measured and row[key] else None
+                              for key in ('speed_mps', 'speed_std_mps'))
+                log.add_track(int(row['stamp_ns']), f'vehicle_{row["track"]}', speed, std,
+                              [float(row[axis] or 'nan') for axis in ('x_m', 'y_m', 'z_m')])
+            for one in sorted(passes, key=lambda p: p.track):
+                log.add_pass(pass_text(run, one))
+    except sqlite3.Error as error:
+        raise InputError(path, 'database', error, 'a disk that can be written') from None

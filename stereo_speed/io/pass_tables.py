@@ -58,6 +58,9 @@ def write_pass_tables(out_dir: PathLike, runs: Mapping[str, Path],
                     writer.write_table(pyarrow.Table.from_pylist(
                         [dict(zip(COLUMNS, row)) for row in block], schema=schema))
             database.commit()
+        except sqlite3.Error as error:
+            raise InputError(Path(out_dir, SQLITE), 'database', error,
+                             'a disk that can be written') from None
         finally:
             database.close()
     return count

@@ -4,14 +4,15 @@
 ``replay_node``: plays a bag as the camera pair would.
 
 Images keep their header stamps and are published in recorded order, at the pace of their stamps
-times ``rate``, each after a ``/clock`` message with its stamp.
+times ``rate``, each after a ``/clock`` message with its stamp.  A ``camera_info`` is published with
+the image that follows it, whatever its stamp; with ``start``, so are the last ones before it.
 """
 from __future__ import annotations
 
 from contextlib import closing
 from functools import partial
 import time
-from typing import Any, Iterator
+from typing import Any, Iterator, Optional
 
 import numpy as np
 from rclpy.duration import Duration
@@ -28,7 +29,30 @@ from ..io.images import grey_from_message
 
 _ACK_WAIT = Duration(seconds=10)
 _POLL_S = 0.02
+_JUMP_NS = 10_000_000_000  # least change of stamps from one image to the next that is a jump
 _SETTLE_S = 0.5  # time without a new connection after which all have been discovered
+
+
+class _Pace:
+    """
+    The times of images since the first one: by their stamps, which cameras set at the exposure.
+
+    Where a stamp jumps, as one that is wrong does, it is by the times at which they were recorded.
+    """
+
+    def __init__(self) -> None:
+        self._last: Optional[BagMessage] = None
+        self._at_ns = 0
+
+    def of(self, image: BagMessage) -> float:
+        """Return the time of the next image, s."""
+        if self._last is not None:
+            step_ns = image.stamp_ns - self._last.stamp_ns
+            if abs(step_ns) > _JUMP_NS:
+                step_ns = max(image.log_time_ns - self._last.log_time_ns, 0)
+            self._at_ns += step_ns
+        self._last = image
+        return self._at_ns * 1e-9
 
 
 class ReplayNode(Node):
@@ -95,20 +119,30 @@ class ReplayNode(Node):
         with closing(ahead(self._due())) as due:
             for due_s, message, msg in due:
                 self._sleep_until(begun + due_s / self.rate)
-                clock_ns = max(clock_ns, message.stamp_ns)
-                self.clock.publish(Clock(clock=to_stamp(clock_ns)))
+                if message.kind == 'image':
+                    clock_ns = max(clock_ns, message.stamp_ns)
+                    self.clock.publish(Clock(clock=to_stamp(clock_ns)))
                 self.send(message.side, message.kind, msg, due_s)
                 count += 1
         return count
 
     def _due(self) -> Iterator[tuple[float, BagMessage, Any]]:
         """Yield messages, ready to be published, with the time at which they are due, s."""
-        first_ns = None
+        infos: list[BagMessage] = []  # since the last image
+        pace, due_s, played = _Pace(), 0.0, False
         for message in self.messages():
-            first_ns = message.stamp_ns if first_ns is None else first_ns
-            due_s = (message.stamp_ns - first_ns) * 1e-9 - self.start_s
-            if due_s >= 0:
-                yield due_s, message, self._message(message)
+            if message.kind == 'camera_info':
+                infos.append(message)
+                continue
+            due_s = pace.of(message) - self.start_s
+            if self.start_s and due_s < 0:
+                infos = list({info.side: info for info in infos}.values())
+                continue
+            for one in (*infos, message):
+                yield due_s, one, self._message(one)
+            infos, played = [], True
+        for one in infos if played else ():
+            yield due_s, one, self._message(one)
 
     def messages(self) -> Iterator[BagMessage]:
         """Yield the messages to play, in recorded order."""

@@ -3,7 +3,7 @@
 """Reading of site files: lines, lanes and knowledge of the rig."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import combinations
 from pathlib import Path as FilePath
@@ -16,7 +16,7 @@ from .extras import KnownLength, read_correction, read_length, RigCorrection
 from ..core.errors import SiteError
 from ..core.passes import VehicleClass
 from ..core.records import Array
-from ..core.strict_yaml import load_yaml, StrictMapping
+from ..core.strict_yaml import load_yaml, read_text, StrictMapping
 from ..core.tracker_config import check_tolerance, TOLERANCES
 from ..geometry.rig import StereoRig
 
@@ -132,6 +132,7 @@ class Site:
     :param tolerances: 1-sigmas of focal length, baseline and stamps of this rig, as far as the
         file gives them; they replace the tracker's parameters of the same names.
     :param calibrated: day of the rig's calibration; None if the file does not give it.
+    :param text: the file as it was when it was read; empty for a site that was made otherwise.
     """
 
     where: str
@@ -142,6 +143,7 @@ class Site:
     known_lengths: tuple[KnownLength, ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
     calibrated: Optional[date] = None
+    text: str = field(default='', compare=False, repr=False)
 
     @property
     def picked(self) -> dict[str, PickedLine]:
@@ -171,7 +173,8 @@ def load_site(path: Union[str, FilePath]) -> Site:
 
     :raises SiteError: names the first fault.
     """
-    return site_of(path, load_yaml(path, 'stereo_speed_site'))
+    text = read_text(path)
+    return replace(site_of(path, load_yaml(path, 'stereo_speed_site', text)), text=text)
 
 
 def site_of(path: Union[str, FilePath], data: Mapping[str, Any]) -> Site:

@@ -4,9 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import csv
 from dataclasses import replace
+from functools import partial
+import hashlib
 import itertools
 import json
+import sqlite3
 
 import numpy as np
 import pytest
@@ -90,6 +94,18 @@ def test_interrupted_run_resumes_and_writes_the_same_files(
     assert 32 < done < 50
     assert files(tmp_path / 'cut') == wanted
 
+    # what was measured is not lost if the files cannot be written
+    with monkeypatch.context() as patch:
+        def full(*_):
+            raise OSError(28, 'No space left on device')
+        patch.setattr(replay, 'write_all', full)
+        assert main(argv('full')) == 2
+    assert 'No space left' in capsys.readouterr().err
+    assert [p.name for p in (tmp_path / 'full').iterdir()] == [FOLDER]
+    assert main(argv('full')) == 0
+    assert 'resuming after ' in capsys.readouterr().out
+    assert files(tmp_path / 'full') == wanted
+
     # the results of a run with other options are not used: all parts are measured
     with monkeypatch.context() as patch:
         interrupt(patch, 25)
@@ -99,6 +115,40 @@ def test_interrupted_run_resumes_and_writes_the_same_files(
     assert main(argv('other')) == 0
     assert 'resuming' not in capsys.readouterr().out
     assert files(tmp_path / 'other') == wanted
+
+
+@pytest.mark.slow
+def test_database_has_the_readings_that_do_not_fit_in_memory(bag, sample, tmp_path, monkeypatch):
+    monkeypatch.setattr(replay, 'run_pipeline', partial(replay.run_pipeline, most_updates=20))
+    assert main(['replay', str(bag), '--site', str(sample / 'site.yaml'), '--no-plots',
+                 '--sqlite', '--out', str(tmp_path)]) == 0
+    with (tmp_path / 'tracks.csv').open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) > 30 and len({row['track'] for row in rows}) == 3
+    database = sqlite3.connect(tmp_path / 'run.sqlite')
+    found = database.execute('SELECT * FROM tracks').fetchall()
+    database.close()
+    assert found == [
+        (int(row['stamp_ns']), f'vehicle_{row["track"]}',
+         *(float(row[key]) if row['state'] == 'confirmed' else None
+           for key in ('speed_mps', 'speed_std_mps')),
+         *(float(row[key]) for key in ('x_m', 'y_m', 'z_m'))) for row in rows]
+
+
+def test_inputs_are_those_at_the_start(bag, sample, tmp_path, monkeypatch):
+    """A file that is edited or removed meanwhile is described as it was."""
+    site = tmp_path / 'site.yaml'
+    site.write_bytes((sample / 'site.yaml').read_bytes())
+    before = hashlib.sha256(site.read_bytes()).hexdigest()
+
+    def first(stream, **_):
+        site.unlink()
+        return itertools.islice(stream, 2)
+    monkeypatch.setattr(replay, 'tqdm', first)
+    assert main(['replay', str(bag), '--site', str(site), '--no-plots', '--evidence',
+                 '--out', str(tmp_path / 'out')]) == 0
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    assert summary['input']['site_sha256'] == before
 
 
 def test_failed_run_leaves_nothing(bag, sample, tmp_path, in_parts, monkeypatch, capsys):

@@ -397,3 +397,14 @@ def test_an_image_may_come_until_a_later_one_of_its_side_has():
     ring.add('left', 1000, image)
     ring.add('left', 7, image)  # time has jumped back, so the images after 1000 have gone
     assert ring.may_come('left', 8) and not ring.may_come('left', 1010)
+
+
+def test_instrument_has_the_site_that_was_read_though_its_file_has_changed(tmp_path):
+    path = tmp_path / 'site.yaml'
+    text = (SAMPLE / 'site.yaml').read_text()
+    path.write_text(text)
+    with StereoBag(SAMPLE / 'bag') as bag:
+        place = MeasuringSite.of(load_site(path), bag.rig)
+    for change in (lambda: path.write_text(text.replace('45 mph', '30 mph')), path.unlink):
+        change()
+        assert Instrument.of('run', place, PipelineConfig()).site_yaml == text
