@@ -26,8 +26,12 @@ from stereo_speed.enforcement.recompute import recompute
 from stereo_speed.enforcement.record import record_files, Violation
 from stereo_speed.enforcement.ring import ImageRing
 from stereo_speed.enforcement.verify import verify
+from stereo_speed.io.bags import StereoBag
 from stereo_speed.io.source_image import SourceImage
+from stereo_speed.pipeline.assembly import MeasuringSite
+from stereo_speed.pipeline.config import PipelineConfig
 from stereo_speed.report.evidence_pictures import speed_plot
+from stereo_speed.site.file import load_site
 
 from .conftest import NAME, SAMPLE
 
