@@ -17,6 +17,7 @@ from ..geometry.ray_plane import Plane
 
 ROBUST = 3.3  # residuals, in sigmas, beyond which the soft L1 loss reduces their weight
 FOOT_PLACES = 8001  # places along the road, some cm apart, among which a foot is looked up
+_FEW = 5  # picks beyond those that determine the road, from which their own scatter counts
 _NARROW = 0.7  # lower bound of the robust scatter, as a share of the r.m.s. scatter
 _SCALES = (1.0, 0.1, 0.01)  # of the prior 1-sigmas of changes of the curvature
 _RUN_OFF_COUNTS = 2  # parameters as which a run-off counts in the prior probability of a family
@@ -70,9 +71,10 @@ class RoadFit:
         """Return the scatter of the picks, in units of their 1-sigmas."""
         off, wander = self.off, self.problem.wander
         free = max(len(off) - self.told - (0.0 if wander is None else wander.told), 1)
+        # A road that passes through nearly all of few picks does not show how these scatter.
+        least = 1.0 if free < _FEW else float(np.sqrt(least_variance(self.problem)))
         # The robust estimate keeps one outlier from determining the scatter of the other picks.
-        std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))),
-                  float(np.sqrt(least_variance(self.problem))))
+        std = max(robust_std(off), _NARROW * float(np.sqrt(np.mean(off**2))), least)
         return std * float(np.sqrt(len(off) / free))
 
     @cached_property

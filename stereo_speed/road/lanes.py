@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Optional
+import math
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -218,22 +219,27 @@ def between(right: Path, left: Path) -> SplinePath:
 
 
 def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[float],
-                  rig: StereoRig, std_m: float, residual_px: float = 0.0) -> LanePath:
+                  rig: StereoRig, std_m: float, fitted: Sequence[LanePath] = ()) -> LanePath:
     """
     Return a lane of which at least one line is surveyed.
 
-    Errors of the points that vary along the path rotate and bow it.
+    Errors of the points that vary along the path rotate and bow it.  Midway between two lines, the
+    errors of each count by half.
 
     :param paths: one path, or those of the right and the left line.
     :param rig: rig that sees the lane.
-    :param std_m: 1-sigma of the points across the path, m.
-    :param residual_px: see :class:`LanePath`.
+    :param std_m: 1-sigma of the surveyed points across the path, m.
+    :param fitted: those of the paths that are fitted to picks.
     """
     path = paths[0] if len(paths) == 1 else between(*paths)
     # The errors of the two ends are independent.
-    heading_std = np.full(2, np.sqrt(2.0) * std_m / path.length_m)
-    return LanePath(name, path, speed_limit_mps, heading_std, residual_px,
+    lane = LanePath(name, path, speed_limit_mps, np.full(2, np.sqrt(2.0) * std_m / path.length_m),
+                    max((line.residual_px for line in fitted), default=0.0),
                     shape_std=std_m * _bow_effect(path, rig))
+    for line in fitted:
+        lane = replace(lane.with_heading_std(line.heading_std_rad / len(paths)),
+                       shape_std=math.hypot(lane.shape_std, line.shape_std / len(paths)))
+    return lane
 
 
 def _bow_effect(path: Path, rig: StereoRig) -> float:

@@ -21,7 +21,7 @@ from ..road.first_guess import NoRoadError
 from ..road.fit import fit_road
 from ..road.fitted import RoadFit
 from ..road.lanes import lane_of_paths, lane_of_road, LanePath
-from ..road.path import SplinePath
+from ..road.path import CAMERA_UP, Path, SplinePath
 from ..road.problem import DriftPrior, RoadPrior
 from ..road.scale import with_scale
 
@@ -183,9 +183,27 @@ def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
     paths.update({n: SplinePath(line.points_m) for n, line in surveyed.items()})
     std_m = max(prior.survey_std_m if line.std_m is None else line.std_m
                 for line in surveyed.values())
-    return lane_of_paths(spec.name, tuple(paths[n] for n in spec.lines), spec.speed_limit_mps,
-                         rig, std_m,
-                         max((lane.residual_px for lane in on_road.values()), default=0.0))
+    ordered = tuple(paths[n] for n in spec.lines)
+    if len(ordered) == 2:
+        _refuse_crossed(site, spec, *ordered)
+    return lane_of_paths(spec.name, ordered, spec.speed_limit_mps, rig, std_m,
+                         list(on_road.values()))
+
+
+def _refuse_crossed(site: Site, spec: LaneSpec, right: Path, left: Path) -> None:
+    """Refuse lines of which one is surveyed, if they are opposed or on each other's side."""
+    s = np.array([right.length_m / 2])
+    on_right = right.position(s)
+    s_left = left.arc_length(on_right)
+    on_left = left.position(s_left)
+    tangent, other = right.tangent(s)[0], left.tangent(s_left)[0]
+    where = f'lanes[{site.lanes.index(spec)}]'
+    if not tangent @ other > 0:
+        raise SiteError(site.where, where, f'{spec.right} opposed to {spec.left}',
+                        'points in order along travel')
+    if not np.cross(tangent, (on_left - on_right)[0]) @ CAMERA_UP > 0:
+        raise SiteError(site.where, f'{where}.right', f'{spec.right}, left of {spec.left}',
+                        "the line on the driver's right, with points in order along travel")
 
 
 def may_be_picked(camera: Camera, uv_px: Array) -> NDArray[np.bool_]:

@@ -53,6 +53,24 @@ def test_straight_road(make_scene, distorted):
     assert lane.heading_std_rad.shape == (2,)
 
 
+@pytest.mark.parametrize('count', [2, 3, 4])
+def test_road_through_few_clicks_is_as_uncertain_as_they_are(make_scene, count):
+    """Two clicks in each view lie on one line whatever their errors are."""
+    scene, rng = make_scene(), np.random.default_rng(count)
+    along = np.linspace(0, len(scene.lane_m) - 1, count).round().astype(int)
+    exact = scene.rig.project(scene.lane_m[along])[:2]
+    scores = []
+    for _ in range(30):
+        fit = fit_road(scene.rig, {'line': tuple(
+            uv + rng.normal(0, 0.3, uv.shape) for uv in exact)})
+        lane = lane_of_road('lane', fit, (0,), None)
+        middle, axes = lane.path.length_m / 2, lane.path.frame(lane.path.length_m / 2)
+        near = int(np.argmin(np.linalg.norm(scene.lane_m - lane.path.position(middle), axis=-1)))
+        scores.append((scene.tangent[near] @ axes[:, 1:]) / lane.heading_std_rad)
+    assert (np.sqrt(np.mean(np.square(scores), axis=0)) < 1.4).all()
+    assert np.abs(scores).max() < 4.0
+
+
 @pytest.mark.parametrize('grade, bends', [(0.0, 0), (0.02, 1)], ids=['level', '2 % grade'])
 def test_curve_of_41_m(make_scene, grade, bends):
     """A climbing curve is not planar; the fit detects that automatically."""

@@ -57,6 +57,42 @@ def test_path_line_surveyed_and_mixed(scene):
     assert single['lane_0'].path.tangent(0.0) @ scene.tangent[0] > np.cos(np.radians(0.2))
 
 
+@pytest.mark.parametrize('std_m', [0.001, 0.03])
+def test_lane_of_a_clicked_and_a_surveyed_line_is_as_uncertain_as_its_clicks(scene, std_m):
+    """The direction of a single clicked line is known far worse than points measured on the road."""
+    rng, errors = np.random.default_rng(3), []
+    path = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
+    along = np.linspace(5, 45, 12)
+    right_m, left_m = (np.stack([path.position(s) + across * path.frame(s)[:, 1] for s in along])
+                       for across in (-1.75, 1.75))
+    for _ in range(25):
+        clicks = tuple(uv + rng.normal(0, 0.3, uv.shape) for uv in scene.rig.project(left_m)[:2])
+        site = site_of({'right': right_m, 'left': clicks}, ('right', 'left', None))
+        site = replace(site, lines={**site.lines, 'right': replace(
+            site.lines['right'], std_m=std_m)})
+        lane = lane_paths(site, scene.rig)['lane_0']
+        s = lane.path.length_m / 2
+        off = lane.path.tangent(s) @ path.frame(path.arc_length(lane.path.position(s)))[:, 1:]
+        errors.append(off / lane.heading_std_rad)
+    score = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert (score < 1.3).all() and np.abs(errors).max() < 4.0
+
+
+def test_surveyed_lines_that_are_swapped_or_opposed_are_refused(scene):
+    path = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
+    right_m, left_m = (np.stack([path.position(s) + across * path.frame(s)[:, 1]
+                                 for s in np.linspace(5, 45, 12)]) for across in (-1.75, 1.75))
+    clicks = tuple(scene.rig.project(left_m)[:2])
+    lanes = ('right', 'left', None)
+    for left in (left_m, clicks):
+        assert lane_paths(site_of({'right': right_m, 'left': left}, lanes), scene.rig)
+        with pytest.raises(SiteError, match=r'lanes\[0\]: found right opposed to left, wanted poi'):
+            lane_paths(site_of({'right': right_m[::-1], 'left': left}, lanes), scene.rig)
+        with pytest.raises(SiteError, match=r"lanes\[0\].right: found left, left of right, wanted"):
+            lane_paths(site_of({'right': right_m, 'left': left}, ('left', 'right', None)),
+                       scene.rig)
+
+
 def shuffled(uv):
     """Swap two distant picks."""
     uv = uv.copy()
