@@ -23,6 +23,7 @@ from .pyramid import PairPyramids
 from ..core.fronts import LEAST_FRONT_M
 from ..core.records import Array, StereoPair
 from ..core.tracker_config import NoiseConfig
+from ..vision.grey import white_level
 
 _STEP_M = 0.02  # spacing of the rows that are looked at
 _MORE_M = 0.45  # greatest distance by which the upper edge moves up
@@ -133,7 +134,7 @@ def _seen(geometry: LaneGeometry, look: Look, rows_m: Array
     across_m = front.x_m + np.linspace(-front.half_m, front.half_m, columns)
     now, later = (geometry.points(np.array([front.s_m + ahead_m]), across_m, rows_m)[0]
                   for ahead_m in (0.0, front.ahead_m))
-    most = _CLIPPED_SHARE * np.iinfo(look.pair.left.dtype).max
+    most = _CLIPPED_SHARE * white_level([look.pair.left])
     lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
     for camera, (image, origin), uv_px in zip(
             (rig.left, rig.right), look.views, rig.project(now, later)[:2]):

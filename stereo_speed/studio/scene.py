@@ -18,8 +18,8 @@ from ..core.records import Array, StereoPair
 from ..geometry.ray_plane import back_project, Plane
 from ..geometry.rig import StereoRig
 from ..io.bags import StereoBag
-from ..site.refine.empty_road import as_picture, Background, clean_background, MOST_BYTES, \
-    MOST_PAIRS
+from ..site.refine.empty_road import (
+    as_picture, Background, MOST_BYTES, MOST_PAIRS, of_both_views)
 from ..site.refine.snap import snap
 from ..vision.grey import to_eight_bits
 
@@ -72,8 +72,7 @@ class Scene:
         if not bag.pair_count:
             next(bag.pairs())  # raises the error with the reason
         self.spread = self._spread(bag)
-        self.views = (clean_background([pair.left for pair in self.spread], self.path),
-                      clean_background([pair.right for pair in self.spread], self.path))
+        self.views = of_both_views(self.spread, self.path)
 
     def _spread(self, bag: StereoBag) -> list[StereoPair]:
         """Return pairs evenly spread over the bag, as many as memory allows."""

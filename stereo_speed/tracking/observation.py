@@ -25,6 +25,7 @@ from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
 from ..core.tracker_config import NoiseConfig
 from ..geometry.rig import StereoRig
+from ..vision.grey import white_level
 from ..vision.sampling import low_pass_crop, Patches
 
 # Inner share of the quad that is sampled: its corners are a pixel off, and the background beyond
@@ -211,7 +212,7 @@ class ObservationSampler:
             its origin (2,), px.
         """
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
-        near = _clipped(crop, image.dtype, self.noise)
+        near = _clipped(crop, white_level([image]), self.noise)
         return (_blurred(crop, sigma), _NOTHING if near is None else _blurred(near, sigma),
                 origin)
 
@@ -223,14 +224,14 @@ def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
                                        borderType=cv2.BORDER_REPLICATE))
 
 
-def _clipped(crop: Patches, dtype: np.dtype[Any], noise: NoiseConfig) -> Optional[Patches]:
+def _clipped(crop: Patches, white: int, noise: NoiseConfig) -> Optional[Patches]:
     """
     Return a mask of clipped pixels and those near them; None if there are none.
 
     Light from a lamp spreads by some pixels in the lens, and much of that is clipped too: the
     further away the front, the larger the lamp relative to it.
     """
-    most = noise.clipped_share * np.iinfo(dtype).max
+    most = noise.clipped_share * white
     if not crop.max() >= most:
         return None
     clipped = (crop >= most).astype(np.uint8)

@@ -81,14 +81,14 @@ def test_front_keeps_its_heights_without_lamps_and_with_whole_ones(window_m):
 
 @pytest.mark.parametrize('lit', [slice(0, 2), slice(0, 1), slice(1, 2)],
                          ids=['both views', 'left view', 'right view'])
-@pytest.mark.parametrize('bits', [8, 16])
+@pytest.mark.parametrize('bits', [8, 12, 16])
 def test_upper_edge_is_next_above_the_lamps(lit, bits):
     """At most a margin of a pixel, half a pixel for the lamp's edge, and a row further up."""
     bright, dark = pair_of([replace(FRONT, lamps_m=LAMPS_M)]), pair_of([FRONT])
     views = [dark.left, dark.right]
     views[lit] = [bright.left, bright.right][lit]
-    if bits == 16:
-        views = [view.astype(np.uint16) * 257 for view in views]
+    if bits > 8:
+        views = [np.rint(view * (((1 << bits) - 1) / 255)).astype(np.uint16) for view in views]
     pair = StereoPair(0, dark.stamp_ns, dark.right_stamp_ns, *views)
     high_m, low_m = uncut_heights(GEOMETRY, USUAL_M, [look(FRONT, pair)])
     assert LAMPS_M[1] + 0.5 * SCALE_M < high_m < LAMPS_M[1] + 1.5 * SCALE_M + 0.02

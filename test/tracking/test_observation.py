@@ -189,6 +189,17 @@ def test_outline_is_the_change_caused_by_a_spreading_clipped_lamp(clear):
         assert np.linalg.norm(rest) < 0.7 * np.linalg.norm(change)
 
 
+@pytest.mark.parametrize('bits', [10, 12, 16])
+def test_lamps_clip_where_the_bits_of_the_camera_end(clear, bits):
+    """Cameras of 10 and 12 bits write them into 16."""
+    pair, most = with_lamp(clear, 3.0), (1 << bits) - 1
+    deep = replace(pair, **{side: np.rint(getattr(pair, side) * (most / 255)).astype(np.uint16)
+                            for side in ('left', 'right')})
+    found, wanted = (observe(sampler_of(clear), one) for one in (deep, pair))
+    assert wanted.outlines.any()
+    np.testing.assert_allclose(found.outlines, wanted.outlines, atol=0.01)
+
+
 @pytest.mark.parametrize('sigma_px', [0.3, 0.5])
 def test_change_by_blur_is_that_of_a_little_gaussian_blur(clear, sigma_px):
     """Up to the edges of the front, in grey values and per square of the grid's steps."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_speed.vision.grey import to_eight_bits
+from stereo_speed.vision.grey import to_eight_bits, white_level
 
 
 def test_eight_bit_images_are_unchanged():
@@ -29,3 +29,13 @@ def test_images_of_one_camera_scale_alike():
 
 def test_dark_images_are_not_brightened():
     assert to_eight_bits(np.array([[3, 7]], np.uint16)).tolist() == [[3, 7]]
+
+
+@pytest.mark.parametrize('brightest, white', [
+    (0, 255), (255, 255), (256, 1023), (1023, 1023), (1500, 4095), (4095, 4095), (9000, 16383),
+    (40000, 65535), (65520, 65535)])  # the last one has 12 bits in the upper part of 16
+def test_white_is_where_a_camera_of_its_bits_clips(brightest, white):
+    dark, bright = np.zeros((2, 3), np.uint16), np.full((2, 3), 7, np.uint16)
+    bright[1, 2] = brightest
+    assert white_level([dark, bright]) == max(white, 255)
+    assert white_level([dark.astype(np.uint8), bright.astype(np.uint8)]) == 255

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Iterable, Optional
+from typing import Iterable, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from ...core.errors import InputError
 from ...core.records import StereoPair
 from ...core.sampling import EvenSampler
 from ...estimation.robust import robust_std, SIGMAS_PER_MEDIAN
+from ...vision.grey import white_level
 from ...vision.spline_image import SplineImage
 
 MOST_PAIRS = 31  # enough pairs: beyond them texture and lens limit the precision, not noise
@@ -27,7 +28,7 @@ MOST_BYTES = 128 * 2**20  # limit of the memory for the images of one view
 _BLOCK_ROWS = 64  # rows of the image stack that are processed at once, to stay in the cache
 _GATE = 2.5  # sigmas of the noise within which values enter the mean
 LEAST_NOISE_GREY = 0.5  # lower bound of the noise of an image with integer grey levels
-_GREY_PER_16_BIT = 1 / 257  # scale of 16-bit images, which maps 65535 to 255
+_WHITE_GREY = 255.0  # grey level that white becomes, of images of any number of bits
 LIGHT_STEP_PX = 2  # spacing of the places where changes of light are measured
 _CLIPPED_GREY = 240.0  # grey levels from which clipping makes a pixel useless for the exposure
 _DARKEST = 0.01  # lower bound of the relative exposure of an image
@@ -77,17 +78,19 @@ def spread_pairs(pairs: Iterable[StereoPair], most: int = MOST_PAIRS) -> list[St
     return [] if sampler is None else sampler.items()
 
 
-def clean_background(images: list[NDArray[np.generic]], where: object) -> Background:
+def clean_background(images: list[NDArray[np.generic]], where: object,
+                     white: Optional[int] = None) -> Background:
     """
     Return the background of one view.
 
-    :param images: (H, W) uint8 or uint16, all of one size; 16-bit ones are scaled to 0 to 255.
+    :param images: (H, W) uint8 or uint16, all of one size; scaled to 0 to 255.
     :param where: source of the images, for the error.
+    :param white: largest grey level of the camera; None to tell it from the images.
     :raises InputError: no images.
     """
     if not images:
         raise InputError(where, 'pairs', 'none', 'at least one pair of images')
-    scale = 1.0 if images[0].dtype == np.uint8 else _GREY_PER_16_BIT
+    scale = _WHITE_GREY / (white_level(images) if white is None else white)
     out = np.empty(images[0].shape, np.float32)
     spreads = []
     for top in range(0, len(out), _BLOCK_ROWS):
@@ -150,9 +153,20 @@ def backgrounds(pairs: Iterable[StereoPair], where: object = 'pairs'
     :param pairs: few or many pairs.
     :param where: source of the pairs, for the error.
     """
-    kept = spread_pairs(pairs)
-    return (clean_background([pair.left for pair in kept], where),
-            clean_background([pair.right for pair in kept], where))
+    return of_both_views(spread_pairs(pairs), where)
+
+
+def of_both_views(pairs: Sequence[StereoPair], where: object) -> tuple[Background, Background]:
+    """
+    Return the backgrounds of both views, with one scale of grey levels.
+
+    :param pairs: few pairs.
+    :param where: source of the pairs, for the error.
+    """
+    sides = [pair.left for pair in pairs], [pair.right for pair in pairs]
+    white = white_level([*sides[0], *sides[1]])
+    left, right = (clean_background(images, where, white) for images in sides)
+    return left, right
 
 
 def as_picture(background: Background) -> NDArray[np.uint8]:

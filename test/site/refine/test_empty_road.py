@@ -18,11 +18,12 @@ def images(count, rng, noise=2.0, scale=1, dtype=np.uint8):
     for i in range(count):
         image = still + noise * rng.standard_normal(still.shape)
         image[40:60, 10 * i:10 * i + 12] = 230
-        out.append((np.clip(np.rint(image), 0, 255) * scale).astype(dtype))
+        out.append(np.rint(np.clip(np.rint(image), 0, 255) * scale).astype(dtype))
     return still, out
 
 
-@pytest.mark.parametrize('scale, dtype', [(1, np.uint8), (257, np.uint16)])
+@pytest.mark.parametrize('scale, dtype', [
+    (1, np.uint8), (257, np.uint16), (4095 / 255, np.uint16), (1023 / 255, np.uint16)])
 def test_traffic_is_removed_and_noise_averaged(scale, dtype):
     still, found = images(12, np.random.default_rng(0), scale=scale, dtype=dtype)
     background = clean_background(found, 'test')
@@ -32,6 +33,14 @@ def test_traffic_is_removed_and_noise_averaged(scale, dtype):
     assert off.std() < 1.15 * np.hypot(2.0, 1 / np.sqrt(12)) / np.sqrt(12)
     assert 1.6 < background.noise_grey < 2.6
     assert background.pairs == 12 and as_picture(background).dtype == np.uint8
+
+
+def test_both_views_have_one_scale_of_grey_levels():
+    """The right one of a camera pair of 12 bits sees nothing that is bright."""
+    dark, bright = np.full((8, 8), 900, np.uint16), np.full((8, 8), 900, np.uint16)
+    bright[:2] = 4000
+    left, right = backgrounds([StereoPair(k, k, k, bright, dark) for k in range(3)])
+    assert left.image[5, 5] == right.image[5, 5] == pytest.approx(900 * 255 / 4095)
 
 
 def test_sweeping_light_is_separated_from_traffic_and_exposure():
