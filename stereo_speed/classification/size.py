@@ -148,13 +148,14 @@ class VehicleSize:
 
     def _look_for_edge(self, range_m: float) -> None:
         """
-        See whether a narrow front is an edge, each time that it has come so near to show more.
+        See whether a narrow front is an edge, each time that its range has changed to show more.
 
         :param range_m: range of the newest view, m.
         """
+        ratio = self._search.least_range_ratio
         if self._tracked_width_m()[0] >= self.config.edge_width_m:
             self.may_be_edge = False
-        elif range_m * self._search.least_range_ratio <= self._looked_m:
+        elif not self._looked_m / ratio < range_m < self._looked_m * ratio:
             self._looked_m, self._looks, found = range_m, self._looks + 1, self.measured()
             self.may_be_edge = found is not None and (
                 is_no_vehicle(found, self.config) if found.height_m is not None else

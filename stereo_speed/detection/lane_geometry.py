@@ -143,14 +143,14 @@ class LaneGeometry:
 
     def aslant(self, s_m: float, x_m: float) -> float:
         """
-        Return how far to the left of a place the left camera sees a point one metre behind it, m.
+        Return how far to the left of a place the left camera sees a point a metre farther away, m.
 
         :param s_m: arc length of the place, m.
         :param x_m: offset of the place to the left of the path, m.
         """
         frame = self.lane.path.frame(np.array(s_m))
         along, left, _ = (self.lane.path.position(np.array(s_m)) + x_m * frame[:, 1]) @ frame
-        return float(left / along) if along else 0.0
+        return float(-left / abs(along)) if along else 0.0
 
     def on_road(self, uv_px: Array) -> float:
         """

@@ -78,6 +78,7 @@ class TrackedRegion:
     :param height_m: height of the front, m.
     :param left_px: (4, 2) corners of the front in the raw left image, px.
     :param right_px: (4, 2) the same in the raw right image, px.
+    :param oncoming: whether its vehicle travels against the direction of the lane.
     """
 
     lane: str
@@ -87,6 +88,7 @@ class TrackedRegion:
     height_m: float
     left_px: Array
     right_px: Array
+    oncoming: bool = False
 
     @property
     def finite(self) -> bool:

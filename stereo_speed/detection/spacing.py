@@ -34,6 +34,7 @@ class Place:
     :param centre_m: (3,) middle of the front, left optical frame, m.
     :param half_m: half of its width, m.
     :param lane: name of its lane; empty where that is not known.
+    :param oncoming: whether it travels against the direction of that lane.
     :param frames: cache, lane name to the frame (3, 3) of the lane at its point nearest to the
         front.
     """
@@ -41,6 +42,7 @@ class Place:
     centre_m: Array
     half_m: float
     lane: str = ''
+    oncoming: bool = False
     frames: dict[str, Array] = field(default_factory=dict, repr=False)
 
 
@@ -121,7 +123,7 @@ class Spacing:
                 path, s = self.lanes[region.lane].path, np.array(region.s_m)
                 centre = path.position(s) + region.lateral_m * path.frame(s)[:, 1]
                 half_m = max(region.width_m / 2, self.config.least_half_m)
-                out.append(Place(centre, half_m, region.lane))
+                out.append(Place(centre, half_m, region.lane, region.oncoming))
         return out
 
     def meet(self, lane: str, one: Place, others: Iterable[Place], speed_mps: float = 0.0) -> bool:
@@ -209,8 +211,9 @@ class Spacing:
 
     def _is_oncoming(self, lane: str, other: Place) -> bool:
         """Return whether a vehicle is known to travel against the direction of a lane."""
-        return bool(other.lane
-                    and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0)
+        opposed = bool(other.lane
+                       and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0)
+        return opposed is not other.oncoming
 
     def _away(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) along a lane at a place that leads away from the cameras."""

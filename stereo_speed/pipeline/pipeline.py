@@ -119,7 +119,7 @@ class SpeedPipeline:
             check_annotation(rig, front, where)
         self.rig, self.lanes, self.config, self.detector = rig, dict(lanes), config, detector
         self._annotations = tuple(annotations)
-        self._search = VehicleSearch(rig, detector, config.association)
+        self._search = VehicleSearch(rig, detector, config.association, self.lanes)
         self._roster = Roster(config.association.same_vehicle_m)
         self.doubt = StreamDoubt(rig, self.lanes, config, self._roster, steadier)
         self._intake = Intake(rig, config, self._roster)

@@ -58,9 +58,9 @@ class Roster:
         """
         End one of two tracks that hold the same vehicle.
 
-        The one that does not see the vehicle ends, or the younger one if both see it.  Where one
-        lies within the other's vehicle, the one behind ends, annotated or not: it has slid from a
-        vehicle that cannot be there.
+        The one that does not see the vehicle ends, or the younger one if both see it.  One that
+        lies within the other's vehicle ends, annotated or not: it has slid from a vehicle that
+        cannot be there.
 
         :param stamp_ns: stamp of the current pair.
         :param published: numbers of tracks whose readings of this pair are published already;
@@ -89,7 +89,7 @@ class Roster:
         return ended
 
     def _drop_within(self, stamp_ns: int, published: Container[int]) -> list[Track]:
-        """End and return tracks whose front lies within the vehicle of another one, behind it."""
+        """End and return tracks whose front lies within the vehicle of another one."""
         sure = [(track, track.last, place_m(track.last, stamp_ns)) for track in self.tracks
                 if track.last is not None and holds(track.last) and track.confirmed
                 and not track.ended]
@@ -103,11 +103,15 @@ class Roster:
 
 def _is_within(at_m: Array, update: TrackUpdate, other_m: Array) -> bool:
     """
-    Return whether a front lies behind another one, where that one's vehicle is.
+    Return whether a front lies where the vehicle of another one is.
+
+    A vehicle extends away from the cameras, as its end that faces them is tracked: the front of
+    one that approaches, the rear of one that recedes.
 
     :param at_m: (3,) its place.
     :param update: the newest update of its track.
     :param other_m: (3,) place of the other front.
     """
-    behind, beside = (other_m - at_m) @ update.axes[:, :2]
-    return bool(0 < behind < _SHORTEST_M and abs(beside) < _NARROWEST_M)
+    ahead, beside = (at_m - other_m) @ update.axes[:, :2]
+    farther = ahead if at_m @ update.axes[:, 0] > 0 else -ahead
+    return bool(0 < farther < _SHORTEST_M and abs(beside) < _NARROWEST_M)

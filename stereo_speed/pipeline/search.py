@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Optional, Sequence
+from typing import Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ..core.records import StereoPair, TrackUpdate
 from ..core.tracker_config import AssociationConfig
 from ..detection.protocol import AnswersLater, Detection, Detector, LooksAhead, TrackedRegion
 from ..geometry.rig import StereoRig
+from ..road.lanes import LanePath
 
 _ANSWERED_S = 0.5  # age, by stamps, from which a missing answer is waited for
 _UNSEARCHED_S = 0.3  # longest time without a search; vehicles are in view for seconds
@@ -45,6 +46,7 @@ class VehicleSearch:
     :param rig: the cameras.
     :param detector: finds vehicles; None where only annotated vehicles are measured.
     :param limits: parameters; here, how long a vehicle that has left may still be visible.
+    :param lanes: lane name to lane path.
     :param under_way: search whose answer is still to be taken.
     :param gone: last updates of vehicles that left recently.
     :param last_ns: stamp of the last pair that was searched.
@@ -53,6 +55,7 @@ class VehicleSearch:
     rig: StereoRig
     detector: Optional[Detector]
     limits: AssociationConfig
+    lanes: Mapping[str, LanePath]
     under_way: Optional[Search] = None
     gone: list[TrackUpdate] = field(default_factory=list)
     last_ns: Optional[int] = None
@@ -151,17 +154,19 @@ class VehicleSearch:
         was mistaken.
         """
         held = [t.last for t in tracks if t.last is not None and not t.ended and not t.doubted]
-        return [self._region(replace(u, s_m=u.s_m + ahead_m(u, pair.stamp_ns)))
-                for u in [*held, *self.gone]]
+        return [self._region(u, pair.stamp_ns) for u in [*held, *self.gone]]
 
-    def _region(self, update: TrackUpdate) -> TrackedRegion:
-        """Return the region that a track holds by its update."""
+    def _region(self, update: TrackUpdate, stamp_ns: int) -> TrackedRegion:
+        """Return the region that a track holds at a stamp, by its last update."""
+        # An overtaker travels against the lane that it is in.
+        along = update.axes[:, 0] @ self.lanes[update.lane].path.tangent(np.array(update.s_m))
+        oncoming, travelled_m = bool(along < 0), ahead_m(update, stamp_ns)
         width_m, height_m = np.ptp(update.quad_left_px, axis=0) * self.rig.left.metres_per_px(
             float(update.position_m[2]))
         return TrackedRegion(
-            lane=update.lane, s_m=update.s_m, lateral_m=update.lateral_m,
-            width_m=float(width_m), height_m=float(height_m),
-            left_px=update.quad_left_px, right_px=update.quad_right_px)
+            lane=update.lane, s_m=update.s_m + (-travelled_m if oncoming else travelled_m),
+            lateral_m=update.lateral_m, width_m=float(width_m), height_m=float(height_m),
+            left_px=update.quad_left_px, right_px=update.quad_right_px, oncoming=oncoming)
 
 
 def _front_region(front: Detection, found_ns: int, stamp_ns: int) -> TrackedRegion:

@@ -129,15 +129,16 @@ def test_two_wheeler_is_no_part_of_a_wider_front():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('receding', [False, True])
 @pytest.mark.parametrize(('kind', 'share', 'marked_std_px', 'edge'), [
     ('truck', 0.5, None, True), ('truck', 1.0, None, False), ('truck', 0.5, 0.7, False),
     ('car', 0.5, None, False), ('motorcycle', 1.0, None, False)])
-def test_narrow_front_of_something_high_is_an_edge(kind, share, marked_std_px, edge):
+def test_narrow_front_of_something_high_is_an_edge(kind, share, marked_std_px, edge, receding):
     """It gives no readings until its height is known, and none then if it is an edge."""
     rig, lane, rows = drawn(kind)
     size = VehicleSize(rig, lane, CONFIG, marked_std_px)
     known = []
-    for pair, update in rows:
+    for pair, update in rows[::-1] if receding else rows:
         size.take(pair, in_part(update, rig, 0.0, share))
         known.append(size.may_be_edge)
     narrow = marked_std_px is None and share * BODIES[kind].width_m < CONFIG.edge_width_m
@@ -157,12 +158,13 @@ def test_narrow_front_of_something_low_is_an_edge_of_a_shadow(monkeypatch, heigh
 
 
 @pytest.mark.slow
-def test_narrow_front_whose_height_stays_unknown_is_no_edge():
+@pytest.mark.parametrize('receding', [False, True])
+def test_narrow_front_whose_height_stays_unknown_is_no_edge(receding):
     """In the dark the top of a motorcycle does not show."""
     rig, lane, rows = drawn('motorcycle')
     size = VehicleSize(rig, lane, replace(CONFIG, least_ncc=1.0))
     known = []
-    for pair, update in rows:
+    for pair, update in rows[::-1] if receding else rows:
         size.take(pair, update)
         known.append(size.may_be_edge)
     assert size.measured().height_m is None

@@ -9,6 +9,8 @@ from stereo_speed.detection.lane_geometry import LaneGeometry
 from stereo_speed.lab.sim.config import circle_config, RIGS, straight_config
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
+from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.lane_paths import lane_paths
 import yaml
@@ -111,3 +113,20 @@ def test_only_large_enough_fronts_are_visible(geometry):
     far = geometry.seen(20.0, 1.4, HEIGHTS_M)
     assert len(near) < len(far) and set(near) <= set(far)
     assert (geometry.exact_rates(near).px_per_m >= 59.9).all()
+
+
+@pytest.mark.parametrize('reverse', [False, True], ids=['approaching', 'receding'])
+@pytest.mark.parametrize('x_m', [-4.0, 2.0])
+def test_body_of_a_vehicle_is_seen_aslant(reverse, x_m):
+    """A metre farther away than a place 30 m ahead, the ray to a point is a 31st nearer to it."""
+    ahead = np.array([0.0, 0.0, 1.0 if reverse else -1.0])
+    start = np.array([3.0, 2.0, 5.0 if reverse else 60.0])
+    lane = LanePath('lane', StraightPath(start, ahead, 55.0, np.array([0.0, -1.0, 0.0])), None,
+                    np.zeros(2), 0.0)
+    s_m = 25.0 if reverse else 30.0
+    frame = lane.path.frame(np.array(s_m))
+    place = lane.path.position(np.array(s_m)) + x_m * frame[:, 1]
+    assert place[2] == 30.0
+    seen = (place + [0.0, 0.0, 1.0]) * 30.0 / 31.0  # where it is seen on the plane of the place
+    shift_m = LaneGeometry(SimScene(straight_config()).rig, lane).aslant(s_m, x_m)
+    assert shift_m == pytest.approx((seen - place) @ frame[:, 1], rel=0.05)

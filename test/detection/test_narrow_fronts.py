@@ -99,14 +99,16 @@ def test_side_of_a_vehicle_lies_beyond_the_end_facing_the_camera(goes_away):
     assert found == [False, True]
 
 
-@pytest.mark.parametrize(('lane', 'at_side'), [('', True), ('own', True), ('oncoming', False)])
-def test_oncoming_object_is_no_part_of_a_vehicle(lane, at_side):
+@pytest.mark.parametrize(('lane', 'against', 'at_side'), [
+    ('', False, True), ('own', False, True), ('oncoming', False, False),
+    ('oncoming', True, True), ('own', True, False)])  # these two overtake
+def test_oncoming_object_is_no_part_of_a_vehicle(lane, against, at_side):
     down, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])
     lanes = {name: LanePath(name, StraightPath(start_m, ahead, 80.0, up), None, np.zeros(2), 0.0)
              for name, start_m, ahead in (
                  ('own', np.array([0.0, 2.0, 90.0]), down),
                  ('oncoming', np.array([3.0, 2.0, 10.0]), -down))}
-    lorry = Place(np.array([1.7, 2.0, 30.0]), 1.25, lane)
+    lorry = Place(np.array([1.7, 2.0, 30.0]), 1.25, lane, against)
     rider = Place(np.array([0.2, 2.0, 40.0]), 0.35)
     assert Spacing(lanes, SpacingConfig()).is_at_side(
         'own', rider, [lorry], 18.0, 0.5) is at_side
