@@ -75,7 +75,8 @@ class FrontWidth:
         """Return the regions of the images that are used."""
         rig, geometry = self._rig, self._refiners[0].sampler.geometry
         points = geometry.points(
-            update.s_m + np.array([-_AHEAD_M, 0.0, _AHEAD_M, ahead_m + _AHEAD_M]),
+            update.s_m + np.array([-_AHEAD_M, 0.0, _AHEAD_M, ahead_m - _AHEAD_M,
+                                   ahead_m + _AHEAD_M]),
             update.lateral_m + np.linspace(-_BESIDE_M, _BESIDE_M, _COLUMNS),
             np.array([0.0, max(high_m for _, high_m in _heights(FrontConfig()))]))
         left, right = rig.project(points)[:2]

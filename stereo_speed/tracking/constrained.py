@@ -377,9 +377,9 @@ class ConstrainedTracker:
         frame = self.lane.path.frame(np.array(mean[0]))
         left, right = self._quads(mean[None], pair)
         ground = self.front.ground_speed(mean[:3], float(mean[3]), self._lateral_mps())
-        ratio = ground / mean[3] if mean[3] else 1.0
+        scale = self.front.path_scale(mean[None, :3])[0]  # see Posterior.ground_stds
         share = calibration_share(self.rig, self.lane, self.config, float(mean[0]))
-        std = live_std(float(ratio * np.sqrt(cov[3, 3])), ground, share)
+        std = live_std(float(scale * np.sqrt(cov[3, 3])), ground, share)
         return TrackUpdate(
             stamp_ns=pair.stamp_ns, track=self.track, lane=self.lane.name, state=state,
             speed_mps=ground, speed_std_mps=std, s_m=float(mean[0]), lateral_m=float(mean[1]),

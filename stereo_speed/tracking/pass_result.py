@@ -88,8 +88,7 @@ def conclude(followed: Pass, rig: StereoRig, config: TrackerConfig) -> PassResul
                      rig_share(rig, followed.lane, config), config)
     if reason:
         return _result(followed, pairs=len(followed.stamps_ns), reason=reason)
-    variance = posterior.ground_ratio() ** 2 * np.diag(posterior.covariance)[3::4]
-    stds = np.interp(at, posterior.stamps_s, np.sqrt(variance + (share * speeds) ** 2))
+    stds = np.interp(at, posterior.stamps_s, np.hypot(posterior.ground_stds(), share * speeds))
     return _result(
         followed, pairs=len(followed.stamps_ns), speed_mps=speed,
         speed_std_mps=budget.total_mps, budget=budget,
@@ -108,7 +107,7 @@ def _budget(solved: SolvedPass, mean: Array, calibration_mps: float) -> SpeedBud
 
     :param mean: (n,) weights of the observations' speeds in the mean over the pass.
     """
-    share = solved.posterior.ground_ratio() * mean
+    share = solved.posterior.path_scale * mean
 
     def std(covariance: Array) -> float:
         return math.sqrt(max(float(share @ covariance @ share), 0.0))

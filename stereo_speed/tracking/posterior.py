@@ -87,10 +87,14 @@ class Posterior:
         along = self.mean[:, 3] * self.path_scale
         return np.asarray(np.copysign(np.hypot(along, self.lateral_mps), along))
 
-    def ground_ratio(self) -> Array:
-        """Return the ratios (n,) of ground speed to path speed, by which its 1-sigma scales."""
-        along = self.mean[:, 3]
-        return np.asarray(self.ground_speeds() / np.where(along == 0, 1.0, along))
+    def ground_stds(self) -> Array:
+        """
+        Return the 1-sigmas (n,) of the speeds over ground, m/s.
+
+        That of the path's direction is taken for all of it: the speed across the path is small
+        unless a vehicle creeps, and then its direction is not known.
+        """
+        return np.asarray(self.path_scale * np.sqrt(np.diag(self.covariance)[3::4]))
 
 
 def gone_on(known: tuple[Array, Array], goes: Array, after_s: float, lateral_mps: float,

@@ -85,7 +85,8 @@ def in_part(update, rig, low, high):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('delay_s', [0.0, 0.02], ids=['at once', 'right view later'])
+@pytest.mark.parametrize('delay_s', [0.0, 0.02, -0.08],
+                         ids=['at once', 'right view later', 'right view earlier'])
 @pytest.mark.parametrize('kind', ['car', 'truck'])
 def test_partly_tracked_front_has_its_whole_width(kind, delay_s):
     """A pole hid the rest when the track began."""

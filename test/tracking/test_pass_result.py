@@ -133,3 +133,11 @@ def test_pass_in_which_the_clock_was_set_is_rejected():
     one = found()
     solved = replace(one.solved, clock_set=True)
     assert conclude(replace(one, solved=solved), rig(), EXACT).reason == 'stamps_uncertain'
+
+
+def test_standing_vehicle_that_drifts_is_as_certain_as_one_that_does_not():
+    """Its speed is 0.02 m/s along the path, on a bend, and 0.05 across it."""
+    followed = found((0.0, 0.02, -0.02), std=0.2)
+    posterior = replace(followed.solved.posterior, lateral_mps=np.array([0.0, 0.05, 0.05]),
+                        path_scale=np.full(3, 0.9))
+    np.testing.assert_allclose(posterior.ground_stds(), 0.18)
