@@ -244,7 +244,8 @@ def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[
 
 def _bow_effect(path: Path, rig: StereoRig) -> float:
     """Return the relative change of speeds per m by which a path's middle bows."""
-    s = np.linspace(0.0, path.length_m, NODES)
+    # A surveyed line may go on far beyond the view.
+    s = np.linspace(0.0, path.length_m, max(NODES, math.ceil(path.length_m / _SPACING_M)))
     stretch = seen_stretch(rig, path.position(s))
     if stretch is None:
         return 0.0

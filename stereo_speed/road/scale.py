@@ -10,6 +10,7 @@ about ``2 Z pan / baseline``. No residual reveals this error, but it affects eve
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ..core.records import Array
 from ..geometry.rig import StereoRig
 
 _PLACES = 41  # samples along a path, where the effect is smooth
+_FEWEST, _DENSE_M = 10, 0.5  # fewest visible samples, and spacing of those where there are fewer
 _STEP_RAD = 1e-6  # step for finite differences by the rotation, about 1e-3 px
 _STEP_M = 0.25  # half of the lengths that are compared
 
@@ -83,6 +85,14 @@ def _seen_scales(path: Path, rig: StereoRig) -> tuple[Array, Array]:
     s = np.linspace(0.0, path.length_m, _PLACES)
     slope = scale_by_drift(path, rig, s)
     known = np.isfinite(slope).all(axis=-1)
+    if known.sum() < _FEWEST:  # of a surveyed line that goes on far beyond the view
+        dense = np.linspace(0.0, path.length_m, math.ceil(path.length_m / _DENSE_M) + 1)
+        seen = dense[np.isfinite(scale_by_drift(path, rig, dense)).all(axis=-1)]
+        if len(seen) < _FEWEST:
+            return s[:0], slope[:0]
+        s = np.linspace(seen[0], seen[-1], _PLACES)
+        slope = scale_by_drift(path, rig, s)
+        known = np.isfinite(slope).all(axis=-1)
     return s[known], slope[known]
 
 

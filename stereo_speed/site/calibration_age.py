@@ -35,8 +35,9 @@ def calibration_age(calibrated: Optional[date], stamp_ns: int, months: float) ->
     if calibrated is None:
         return CalibrationAge()
     day = datetime.fromtimestamp(stamp_ns // 10 ** 9, timezone.utc).date()
-    old = (day - calibrated).days / MONTH_DAYS
-    if old < 0:
+    old_days = (day - calibrated).days
+    old = old_days / MONTH_DAYS
+    if old_days < -1:  # the day of a calibration is local, that of a stamp in UTC
         return CalibrationAge(f'calibrated on {calibrated}, after the pairs of {day}', True)
     if old > months:
         return CalibrationAge(f'calibrated on {calibrated}, more than {months:g} months before '

@@ -189,15 +189,18 @@ def corners(image: Grey, count: int, taken_px: Optional[Array] = None) -> Array:
     for u, v in np.round(taken).astype(int):
         _clear(strength, int(u), int(v))
     out: list[tuple[int, int]] = []
+    ranks: list[int] = []  # number of each corner in its cell
     for i, j in np.ndindex(held.shape):
         cell = strength[rows[i]:rows[i + 1], columns[j]:columns[j + 1]]
-        for _ in range(each - held[i, j]):
+        for rank in range(held[i, j], each):
             v, u = np.unravel_index(int(np.argmax(cell)), cell.shape)
             if cell[v, u] <= least:
                 break
             out.append((int(columns[j] + u), int(rows[i] + v)))
+            ranks.append(rank)
             _clear(strength, *out[-1])
-    return np.array(out[:max(count - len(taken), 0)], dtype=np.float64).reshape(-1, 2)
+    kept = np.argsort(ranks, kind='stable')[:max(count - len(taken), 0)]
+    return np.array(out, dtype=np.float64).reshape(-1, 2)[np.sort(kept)]
 
 
 def _clear(strength: NDArray[np.float32], u: int, v: int) -> None:

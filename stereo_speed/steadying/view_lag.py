@@ -187,8 +187,8 @@ class ViewLag:
                 best, constant = by_constant, True
         self._std_s = best.std_s
         same_model = constant == self._constant
-        change_s = abs(best.tau_s - self._applied) if same_model else abs(
-            best.tau_s - self._applied - (float(np.mean(gap)) if constant else 0.0))
+        usual_s = 0.0 if same_model else float(np.mean(gap))  # only one of them adds to the stamps
+        change_s = abs(best.tau_s - self._applied + (-usual_s if constant else usual_s))
         self._off_s = best.tau_s - self._applied if same_model else 0.0
         if not same_model or change_s > max(_SIGNIFICANT * best.std_s, _LEAST_CHANGE_S):
             self._applied, self._constant, self._off_s = best.tau_s, constant, 0.0

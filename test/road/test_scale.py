@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from stereo_speed.geometry.camera import Camera
 from stereo_speed.geometry.rig import StereoRig
-from stereo_speed.road.lanes import LanePath
+from stereo_speed.road.lanes import lane_of_paths, LanePath
 from stereo_speed.road.path import StraightPath
 from stereo_speed.road.scale import pass_scale_by_drift, scale_by_drift, with_scale
 
@@ -41,6 +41,21 @@ def test_scale_of_a_lane():
     assert 4 * pan * 20 < lane.scale_std < 4 * pan * 45
     twice = with_scale(bare, make_rig(), np.diag([4 * pan**2, 0.0, 0.0]))
     assert twice.scale_std == pytest.approx(2 * lane.scale_std)
+
+
+@pytest.mark.parametrize('length_m', [100.0, 800.0, 1500.0])
+def test_scale_of_a_line_that_goes_on_beyond_the_view(length_m):
+    """A road that crosses the view 20 m away, surveyed over any length."""
+    def lane_of(length_m):
+        ahead = np.array([1.0, 0.0, 0.02])
+        path = StraightPath(np.array([0.0, 3.0, 20.0]) - ahead * length_m / 2, ahead, length_m)
+        return with_scale(LanePath('lane', path, None, np.zeros(2), 0.0), make_rig(),
+                          np.diag([np.radians(0.001)**2, 0.0, 0.0]))
+    short, long = lane_of(12.0), lane_of(length_m)
+    assert long.scale_std == pytest.approx(short.scale_std, rel=0.05)
+    std = lane_of_paths('lane', (long.path,), None, make_rig(), 0.03).shape_std
+    assert std > 0 and std * (length_m / 12.0)**2 == pytest.approx(lane_of_paths(
+        'lane', (short.path,), None, make_rig(), 0.03).shape_std, rel=0.5)
 
 
 def test_path_out_of_view_keeps_its_scale():

@@ -21,7 +21,8 @@ def stamp_ns(*day):
 @pytest.mark.parametrize(('day', 'expired', 'said'), [
     ((2026, 1, 31), False, ''), ((2026, 12, 30), False, ''),
     ((2027, 1, 1), False, 'expires after 12 months'), ((2027, 1, 31), False, 'expires'),
-    ((2027, 2, 2), True, 'expired'), ((2026, 1, 30), True, 'after the pairs of 2026-01-30')])
+    ((2027, 2, 2), True, 'expired'), ((2026, 1, 29), True, 'after the pairs of 2026-01-29'),
+    ((2026, 1, 30, 22), False, '')])  # when it is the 31st already in the east
 def test_ages(day, expired, said):
     found = calibration_age(DAY, stamp_ns(*day), 12.0)
     assert found.expired == expired

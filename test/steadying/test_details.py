@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stereo_speed.steadying.details import Details
+from stereo_speed.steadying.details import corners, Details
 
 SIDE_PX = 60
 CENTRE_PX = np.array([[30.0, 30.0]])
@@ -25,3 +25,18 @@ def test_offset_is_found_at_any_contrast(contrast, off_px):
     found = details.find(image, CENTRE_PX + off_px)
     back_px = found.offset_px[0] @ details.axes[0]
     assert back_px == pytest.approx(-np.array(off_px), abs=0.02)
+
+
+@pytest.mark.parametrize('count', [110, 250, 400])
+def test_corners_are_spread_over_the_whole_image_however_many(count):
+    """Where there is more texture than is needed, the cells at the bottom count as those above."""
+    image = np.random.default_rng(1).integers(0, 255, (540, 960), dtype=np.uint8)
+    found = corners(image, count)
+    assert len(found) == count
+    cells = np.histogram2d(found[:, 1], found[:, 0], bins=(
+        np.linspace(6, 534, 10).astype(int), np.linspace(6, 954, 13).astype(int)))[0]
+    assert cells.max() - cells.min() <= 1
+    taken = found[:count // 2]
+    more = corners(image, count, taken)
+    assert len(more) == count - len(taken)
+    assert np.linalg.norm(more[:, None] - taken, axis=-1).min() > 4.0

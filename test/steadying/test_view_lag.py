@@ -118,6 +118,22 @@ def test_larger_misfit_gives_a_larger_sigma_even_with_few_looks_per_vehicle():
     assert few == pytest.approx(many, rel=0.06)
 
 
+@pytest.mark.parametrize('to_constant', [False, True])
+def test_change_of_the_model_alone_is_no_change_of_the_lag(rig, to_constant):
+    """The right view is 30 ms later; its stamps scatter about that, or its exposures do too."""
+    rng, watch = np.random.default_rng(5), ViewLag(rig)
+    gaps_s, rates = 0.03 + rng.normal(0, 6e-3, 400), rng.uniform(40.0, 300.0, 400)
+    lags_s = np.full(400, 0.03) if to_constant else gaps_s
+    watch._gap_s, watch._constant = 0.03, not to_constant
+    watch._applied = 0.0 if to_constant else 0.03
+    watch._looks.extend(
+        _Look(k % 9, gap_s, lag_s * rate + rng.normal(0, 0.05), rate, 0.0, 0.01)
+        for k, (gap_s, lag_s, rate) in enumerate(zip(gaps_s, lags_s, rates)))
+    watch._decide()
+    assert watch._constant is to_constant
+    assert watch.changes_s < 1.5e-3
+
+
 def test_lag_is_unknown_before_anything_moves(rig):
     watch = ViewLag(rig)
     image = np.zeros((768, 1024), np.uint8)

@@ -133,8 +133,8 @@ def _lanes(refined: RefinedSite) -> list[LaneFigures]:
             width = road.spacing(*(road.number(name) for name in spec.lines))
         change = math.nan
         if spec.name in rough:
-            change = speed_error(Setup(lane.path, refined.rig),
-                                 Setup(rough[spec.name].path, before))
+            high = speed_error(Setup(lane.path, refined.rig), Setup(rough[spec.name].path, before))
+            change = -high / (1 + high)
         out.append(LaneFigures(spec.name, *width, spec.speed_limit_mps, change,
                                lane_speed_std(lane, refined.rig)))
     return out

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from stereo_speed.site.extras import DashPeriod, KnownLength, LinesApart, RigCorrection
 from stereo_speed.site.refine.config import RefineConfig
+from stereo_speed.site.refine import report as report_module
 from stereo_speed.site.refine.report import report, summary, summary_lines
 
 
@@ -29,6 +30,16 @@ def test_figures_of_lines_and_lanes(drawn_refined, figures):
     assert lane.width_m == pytest.approx(3.5) and lane.width_std_m > 0
     assert abs(lane.change) < 1e-6 and lane.std >= drawn_refined.lanes['lane'].scale_std
     assert figures.lengths == () and lane.limit_mps == 25.0
+
+
+def test_change_is_that_of_the_speeds_from_the_clicks_to_the_refined_site(
+        drawn_refined, monkeypatch):
+    """Along clicks that make lengths a quarter too long, speeds read a quarter too high."""
+    monkeypatch.setattr(report_module, 'speed_error', lambda true, used: 0.25)
+    lane, = report(drawn_refined).lanes
+    assert lane.change == pytest.approx(-0.2)
+    assert any('refinement changes speeds by -20.000 %' in line
+               for line in summary_lines(drawn_refined, report(drawn_refined)))
 
 
 def test_lines_of_text(drawn_refined, figures):
