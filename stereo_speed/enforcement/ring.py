@@ -14,8 +14,9 @@ class ImageRing:
     """
     Buffers the newest images of both views by their stamps.
 
-    An image far from the others of its side in time is put aside until the next one of that side:
-    if both agree, time has jumped, and images of another time are dropped; else its stamp is wrong.
+    An image far from the others of its side in time is put aside until the next one of that side.
+    If both agree, time has jumped, and images of another time are dropped; else its stamp is
+    wrong.
 
     :param most_bytes: greatest total size.
     :param most_ns: greatest time span, ns.

@@ -15,7 +15,8 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from .common import (
-    LAST_S, LATCHED, latched_options, Parameters, qos_options, receive_last, RELIABLE, run, stamp_ns)
+    LAST_S, LATCHED, latched_options, Parameters, qos_options, receive_last, RELIABLE, run,
+    stamp_ns)
 from .diagnostics import Diagnostics
 from .health import ERROR, State
 from .speeds import speed_of

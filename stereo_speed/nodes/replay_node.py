@@ -4,8 +4,8 @@
 ``replay_node``: plays a bag as the camera pair would.
 
 Images keep their header stamps and are published in recorded order, at the pace of their stamps
-times ``rate``, each after a ``/clock`` message with its stamp.  A ``camera_info`` is published with
-the image that follows it, whatever its stamp; with ``start``, so are the last ones before it.
+times ``rate``, each after a ``/clock`` message with its stamp.  A ``camera_info`` is published
+with the image that follows it, whatever its stamp; with ``start``, so are the last ones before it.
 """
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def test_path_line_surveyed_and_mixed(scene):
 
 @pytest.mark.parametrize('std_m', [0.001, 0.03])
 def test_lane_of_a_clicked_and_a_surveyed_line_is_as_uncertain_as_its_clicks(scene, std_m):
-    """The direction of a single clicked line is known far worse than points measured on the road."""
+    """The direction of a single clicked line is known far worse than that of measured points."""
     rng, errors = np.random.default_rng(3), []
     path = lane_paths(site_of(scene.lines), scene.rig)['lane_0'].path
     along = np.linspace(5, 45, 12)
@@ -86,9 +86,9 @@ def test_surveyed_lines_that_are_swapped_or_opposed_are_refused(scene):
     lanes = ('right', 'left', None)
     for left in (left_m, clicks):
         assert lane_paths(site_of({'right': right_m, 'left': left}, lanes), scene.rig)
-        with pytest.raises(SiteError, match=r'lanes\[0\]: found right opposed to left, wanted poi'):
+        with pytest.raises(SiteError, match=r'lanes\[0\]: found right opposed to left, wanted p'):
             lane_paths(site_of({'right': right_m[::-1], 'left': left}, lanes), scene.rig)
-        with pytest.raises(SiteError, match=r"lanes\[0\].right: found left, left of right, wanted"):
+        with pytest.raises(SiteError, match=r'lanes\[0\].right: found left, left of right, want'):
             lane_paths(site_of({'right': right_m, 'left': left}, ('left', 'right', None)),
                        scene.rig)
 

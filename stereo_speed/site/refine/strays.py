@@ -71,4 +71,4 @@ def _width_px(fit: RoadFit, line: int, right: bool, width_m: float) -> Array:
     mine = fit.problem.picks.of_line(line, right)
     s_m, normal = fit.feet.s_m[mine], fit.feet.normal[mine]
     sides = fit.seen(fit.points(line, s_m, np.tile([0.0, width_m], (len(s_m), 1))), right)
-    return np.abs(np.sum((sides[:, 1] - sides[:, 0]) * normal, axis=-1))
+    return np.asarray(np.abs(np.sum((sides[:, 1] - sides[:, 0]) * normal, axis=-1)))

@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 from stereo_speed.site.extras import DashPeriod, KnownLength, LinesApart, RigCorrection
-from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine import report as report_module
+from stereo_speed.site.refine.config import RefineConfig
 from stereo_speed.site.refine.report import report, summary, summary_lines
 
 
