@@ -19,7 +19,7 @@ from stereo_speed.studio.workspace import Workspace
 import yaml
 
 SITE_FIELDS = {'where', 'name', 'lines', 'lanes', 'correction', 'known_lengths', 'tolerances',
-               'calibrated'}
+               'calibrated', 'text'}
 
 
 class Drawing:
