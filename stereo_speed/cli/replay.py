@@ -142,11 +142,13 @@ class _Inputs:
     :param site: the site.
     :param annotations: the marked fronts; None without an init file.
     :param sha256: SHA-256 of each file, for ``summary.json``; None for one that was not given.
+    :param identity: everything that determines the results, with all files that are given.
     """
 
     site: Site
     annotations: Optional[Sequence[InitialFront]]
     sha256: Mapping[str, Optional[str]]
+    identity: Mapping[str, Any]
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> _Inputs:
@@ -155,7 +157,8 @@ class _Inputs:
         annotations = None if args.init is None else load_init(args.init)
         return cls(site, annotations, {
             f'{name}_sha256': None if path is None or not path.is_file() else file_sha256(path)
-            for name, path in (('site', args.site), ('init', args.init), ('boxes', args.boxes))})
+            for name, path in (('site', args.site), ('init', args.init), ('boxes', args.boxes))},
+            identity_of(args))
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
         draw_pair(pair, step)
     parts = None if args.boxes is not None else Parts(
         args.out if is_kept(args) and bag.pair_count > PART_PAIRS else None,
-        identity_of(args), fresh, PART_PAIRS)
+        inputs.identity, fresh, PART_PAIRS)
     with evidence, parts or nullcontext():
         result, frames = measure(
             bag, pipeline, keep_frames=args.report or not args.no_plots, feed=feed,

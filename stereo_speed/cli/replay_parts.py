@@ -58,8 +58,9 @@ class Parts:
     """
     The parts of a run; a context manager.
 
-    After an error the kept results are removed.  After an interruption they stay, and so they do
-    after the last pair until :meth:`remove`, as the results are still to be written then.
+    After an error the kept results are removed.  After an interruption they stay, and so do those
+    of all parts but the last one after the last pair, until :meth:`remove`, as the files are still
+    to be written then.
 
     :param folder: output folder of the run; with None nothing is kept, and the parts are the same.
     :param identity: everything that determines the results; kept results of a run with another

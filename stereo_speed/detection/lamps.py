@@ -134,7 +134,7 @@ def _seen(geometry: LaneGeometry, look: Look, rows_m: Array
     across_m = front.x_m + np.linspace(-front.half_m, front.half_m, columns)
     now, later = (geometry.points(np.array([front.s_m + ahead_m]), across_m, rows_m)[0]
                   for ahead_m in (0.0, front.ahead_m))
-    most = _CLIPPED_SHARE * white_level([look.pair.left])
+    most = _CLIPPED_SHARE * white_level([look.pair.left, look.pair.right])
     lit, in_view = np.zeros(len(rows_m), dtype=bool), np.ones(len(rows_m), dtype=bool)
     for camera, (image, origin), uv_px in zip(
             (rig.left, rig.right), look.views, rig.project(now, later)[:2]):

@@ -213,7 +213,7 @@ class Spacing:
         """Return whether a vehicle is known to travel against the direction of a lane."""
         opposed = bool(other.lane
                        and self._ahead(lane, other) @ self._ahead(other.lane, other) < 0)
-        return opposed is not other.oncoming
+        return opposed != other.oncoming
 
     def _away(self, lane: str, place: Place) -> Array:
         """Return the direction (3,) along a lane at a place that leads away from the cameras."""

@@ -94,9 +94,10 @@ class PassLog(AbstractContextManager['PassLog']):
                 return self._database.execute(
                     f'INSERT OR IGNORE INTO passes VALUES ({places})', row  # noqa: S608
                 ).rowcount == 1
-        except (OverflowError, UnicodeEncodeError) as error:
+        except (OverflowError, UnicodeEncodeError, sqlite3.ProgrammingError,
+                sqlite3.InterfaceError, sqlite3.DataError) as error:
             raise InputError('pass', 'value', f'{type(error).__name__}: {error}',
-                             'integers of 64 bits and valid text') from None
+                             'numbers of 64 bits and valid text') from None
 
     def add_track(self, stamp_ns: int, vehicle: str, speed_mps: Optional[float],
                   speed_std_mps: Optional[float], position_m: Sequence[float]) -> None:

@@ -182,21 +182,24 @@ class Parameters:
         return float(value)
 
 
-def receive_last(node: Node, subscription: Subscription, most_s: float) -> None:
+def receive_last(node: Node, subscriptions: Sequence[Subscription], most_s: float) -> None:
     """
-    Receive what is still published on a topic while its nodes end, as this one does.
+    Receive what is still published on some topics while their nodes end, as this one does.
 
     Ctrl-C and launch end all nodes at once, and a measuring node then publishes its open passes.
+    Where the context of the node has ended too, nothing can be received any more.
 
-    :param node: a node that is told to stop, whose context is still valid.
-    :param subscription: it is waited for until this has no publishers left.
+    :param node: a node that is told to stop.
+    :param subscriptions: they are waited for until none has a publisher left.
     :param most_s: longest time to wait, s; the publishers may go on.
     """
     end_s = time.monotonic() + most_s
-    while rclpy.ok() and time.monotonic() < end_s and subscription.get_publisher_count():
+    while rclpy.ok() and time.monotonic() < end_s and any(
+            subscription.get_publisher_count() for subscription in subscriptions):
         rclpy.spin_once(node, timeout_sec=_LOOK_S)
     for _ in range(_QUEUED):  # each look takes one message
-        rclpy.spin_once(node, timeout_sec=0.0)
+        if rclpy.ok():
+            rclpy.spin_once(node, timeout_sec=0.0)
 
 
 def unknown_parameters(node: Node) -> list[str]:

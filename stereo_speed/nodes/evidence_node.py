@@ -114,7 +114,7 @@ class EvidenceNode(Node):
     def _publish_and_subscribe(self, kind: type, suffix: str) -> None:
         latched = {'qos_overriding_options': latched_options()}
         self.violations = self.create_publisher(String, 'violations', LATCHED, **latched)
-        _, self._passes, _ = [
+        self._awaited = [
             self.create_subscription(String, topic, callback, LATCHED, **latched)
             for topic, callback in (('instrument', self.on_instrument), ('passes', self.on_pass),
                                     ('pass_traces', self.on_trace))]
@@ -281,7 +281,7 @@ class EvidenceNode(Node):
 
         Those of passes count that a measuring node publishes as it ends with this one.
         """
-        receive_last(self, self._passes, LAST_S)
+        receive_last(self, self._awaited, LAST_S)
         for one in self._undecided:
             self._decide(one.recorder, one.name, one.result)
         self._undecided.clear()

@@ -42,11 +42,11 @@ class LogNode(Node):
         sync_s = p.get('sync_s', 1.0, 'interval at which readings are synced to the disk [s]',
                        0.05, 3600.0)
         self.log = PassLog(Path(path).expanduser())
-        self.passes = self.tracks = self.refused = self.lost = 0
+        self.passes = self.tracks = self.refused = self.lost_passes = self.lost_readings = 0
         self.fault = ''
         self.unwritten: deque[str] = deque()  # texts of passes
-        self._told = self.create_subscription(String, 'passes', self.on_pass, LATCHED,
-                                              qos_overriding_options=latched_options())
+        self._passes = self.create_subscription(String, 'passes', self.on_pass, LATCHED,
+                                                qos_overriding_options=latched_options())
         self.create_subscription(Odometry, 'tracks', self.on_track, RELIABLE,
                                  qos_overriding_options=qos_options())
         # Steady time, because simulated time stops with the images.
@@ -58,7 +58,9 @@ class LogNode(Node):
         self.unwritten.append(msg.data)
         if len(self.unwritten) > _MOST_UNWRITTEN:
             self.unwritten.popleft()
-            self.lost += 1
+            self.lost_passes += 1
+            self.get_logger().error(f'the oldest of {_MOST_UNWRITTEN} passes that wait for the '
+                                    'disk is lost', throttle_duration_sec=10.0)
         self._write_passes()
 
     def _write_passes(self) -> None:
@@ -85,7 +87,7 @@ class LogNode(Node):
                                    speed.twist.covariance[0]), (at.x, at.y, at.z))
             self.tracks += 1
         except sqlite3.Error as error:
-            self.lost += 1
+            self.lost_readings += 1
             self.failed(error)
 
     def sync(self) -> None:
@@ -107,14 +109,15 @@ class LogNode(Node):
         """Return level and counts for ``/diagnostics``."""
         state = State('logging', values={
             'file': str(self.log.path), 'passes': self.passes, 'tracks': self.tracks,
-            'refused': self.refused, 'unwritten': len(self.unwritten), 'lost': self.lost})
+            'refused': self.refused, 'unwritten': len(self.unwritten),
+            'lost_passes': self.lost_passes, 'lost_readings': self.lost_readings})
         if self.fault:
             state.find(ERROR, self.fault)
         return state
 
     def close(self) -> None:
         """Write the passes that nodes publish as they end with this one, and close the file."""
-        receive_last(self, self._told, LAST_S)
+        receive_last(self, [self._passes], LAST_S)
         self.sync()
         try:
             self.log.close()

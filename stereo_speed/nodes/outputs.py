@@ -157,8 +157,9 @@ class Outputs:
             self.markers.publish(MarkerArray(markers=gone))
 
     def wait(self) -> None:
-        """Wait until the last passes have reached all subscribers."""
-        self.passes.wait_for_all_acked(_ACK_WAIT)
+        """Wait until the last passes and traces have reached all subscribers."""
+        for publisher in (self.passes, self.traces):
+            publisher.wait_for_all_acked(_ACK_WAIT)
 
     def close(self) -> None:
         """End the thread that draws, because the node stops."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 from contextlib import closing
 from functools import partial
 import time
-from typing import Any, Iterator, Optional
+from typing import Any, Iterator, NamedTuple, Optional
 
 import numpy as np
 from rclpy.duration import Duration
@@ -38,21 +38,44 @@ class _Pace:
     The times of images since the first one: by their stamps, which cameras set at the exposure.
 
     Where a stamp jumps, as one that is wrong does, it is by the times at which they were recorded.
+
+    :param time_s: time of the last image, s.
+    :param clock_ns: latest stamp up to then, for ``/clock``, without those at which time jumped.
     """
 
     def __init__(self) -> None:
+        self.time_s, self.clock_ns = 0.0, 0
         self._last: Optional[BagMessage] = None
         self._at_ns = 0
 
-    def of(self, image: BagMessage) -> float:
-        """Return the time of the next image, s."""
-        if self._last is not None:
-            step_ns = image.stamp_ns - self._last.stamp_ns
-            if abs(step_ns) > _JUMP_NS:
-                step_ns = max(image.log_time_ns - self._last.log_time_ns, 0)
-            self._at_ns += step_ns
-        self._last = image
-        return self._at_ns * 1e-9
+    def take(self, image: BagMessage) -> None:
+        """Go on to the next image."""
+        step_ns = 0 if self._last is None else image.stamp_ns - self._last.stamp_ns
+        if abs(step_ns) <= _JUMP_NS:
+            self.clock_ns = max(self.clock_ns, image.stamp_ns)
+        elif self._last is not None:
+            recorded_ns = max(image.log_time_ns - self._last.log_time_ns, 0)
+            if abs(step_ns - recorded_ns) <= _JUMP_NS:  # the recording paused
+                self.clock_ns = max(self.clock_ns, image.stamp_ns)
+            step_ns = recorded_ns
+        self._at_ns += step_ns
+        self.time_s, self._last = self._at_ns * 1e-9, image
+
+
+class _Due(NamedTuple):
+    """
+    A message that is ready to be published.
+
+    :param due_s: time since ``start`` at which it is due, s.
+    :param clock_ns: time that is published on ``/clock`` before it; 0 for none.
+    :param message: the message in the bag.
+    :param msg: the same as one of rclpy.
+    """
+
+    due_s: float
+    clock_ns: int
+    message: BagMessage
+    msg: Any
 
 
 class ReplayNode(Node):
@@ -115,34 +138,35 @@ class ReplayNode(Node):
 
     def _play_once(self) -> int:
         """Publish each message when it is due; return how many were published."""
-        count, clock_ns, begun = 0, 0, time.monotonic()
-        with closing(ahead(self._due())) as due:
-            for due_s, message, msg in due:
-                self._sleep_until(begun + due_s / self.rate)
-                if message.kind == 'image':
-                    clock_ns = max(clock_ns, message.stamp_ns)
-                    self.clock.publish(Clock(clock=to_stamp(clock_ns)))
-                self.send(message.side, message.kind, msg, due_s)
+        count, begun = 0, time.monotonic()
+        with closing(ahead(self._due())) as all_due:
+            for due in all_due:
+                self._sleep_until(begun + due.due_s / self.rate)
+                if due.clock_ns:
+                    self.clock.publish(Clock(clock=to_stamp(due.clock_ns)))
+                self.send(due.message.side, due.message.kind, due.msg, due.due_s)
                 count += 1
         return count
 
-    def _due(self) -> Iterator[tuple[float, BagMessage, Any]]:
-        """Yield messages, ready to be published, with the time at which they are due, s."""
+    def _due(self) -> Iterator[_Due]:
+        """Yield messages when they are due."""
         infos: list[BagMessage] = []  # since the last image
         pace, due_s, played = _Pace(), 0.0, False
         for message in self.messages():
             if message.kind == 'camera_info':
                 infos.append(message)
                 continue
-            due_s = pace.of(message) - self.start_s
+            pace.take(message)
+            due_s = pace.time_s - self.start_s
             if self.start_s and due_s < 0:
                 infos = list({info.side: info for info in infos}.values())
                 continue
-            for one in (*infos, message):
-                yield due_s, one, self._message(one)
+            for info in infos:
+                yield _Due(due_s, 0, info, self._message(info))
+            yield _Due(due_s, pace.clock_ns, message, self._message(message))
             infos, played = [], True
-        for one in infos if played else ():
-            yield due_s, one, self._message(one)
+        for info in infos if played else ():
+            yield _Due(due_s, 0, info, self._message(info))
 
     def messages(self) -> Iterator[BagMessage]:
         """Yield the messages to play, in recorded order."""

@@ -223,8 +223,9 @@ def lane_of_paths(name: str, paths: tuple[Path, ...], speed_limit_mps: Optional[
     """
     Return a lane of which at least one line is surveyed.
 
-    Errors of the points that vary along the path rotate and bow it.  Midway between two lines, the
-    errors of each count by half.
+    Errors of the points that vary along the path rotate and bow it.  Midway between two lines,
+    those of a fitted one count by half; those of a survey count whole, as both lines may share
+    them.
 
     :param paths: one path, or those of the right and the left line.
     :param rig: rig that sees the lane.

@@ -88,11 +88,10 @@ def _seen_scales(path: Path, rig: StereoRig) -> tuple[Array, Array]:
     if known.sum() < _FEWEST:  # of a surveyed line that goes on far beyond the view
         dense = np.linspace(0.0, path.length_m, math.ceil(path.length_m / _DENSE_M) + 1)
         seen = dense[np.isfinite(scale_by_drift(path, rig, dense)).all(axis=-1)]
-        if len(seen) < _FEWEST:
-            return s[:0], slope[:0]
-        s = np.linspace(seen[0], seen[-1], _PLACES)
-        slope = scale_by_drift(path, rig, s)
-        known = np.isfinite(slope).all(axis=-1)
+        if len(seen) > known.sum():
+            s = np.linspace(seen[0], seen[-1], _PLACES)
+            slope = scale_by_drift(path, rig, s)
+            known = np.isfinite(slope).all(axis=-1)
     return s[known], slope[known]
 
 

@@ -192,11 +192,11 @@ def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
 
 def _refuse_crossed(site: Site, spec: LaneSpec, right: Path, left: Path) -> None:
     """Refuse lines of which one is surveyed, if they are opposed or on each other's side."""
-    s = np.array([right.length_m / 2])
-    on_right = right.position(s)
-    s_left = left.arc_length(on_right)
-    on_left = left.position(s_left)
-    tangent, other = right.tangent(s)[0], left.tangent(s_left)[0]
+    short, long = sorted((right, left), key=lambda path: path.length_m)
+    here = short.position(np.array([short.length_m / 2]))  # where there are both
+    at_right, at_left = right.arc_length(here), left.arc_length(here)
+    on_right, on_left = right.position(at_right), left.position(at_left)
+    tangent, other = right.tangent(at_right)[0], left.tangent(at_left)[0]
     where = f'lanes[{site.lanes.index(spec)}]'
     if not tangent @ other > 0:
         raise SiteError(site.where, where, f'{spec.right} opposed to {spec.left}',

@@ -32,12 +32,14 @@ def to_eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     Return a grey image as 8 bits.
 
-    The scale is the same for all images of a camera, unless they are so dark that its bits are not
-    known, which it would not be by the maximum of each.
+    White is the largest number with as many bits as the brightest pixel has, and at least eight.
+    Rounded up to whole bits, the scale is the same for all images of a camera, which it would not
+    be by the maximum of each.
 
     :param image: (H, W) uint8, which is returned as it is, or uint16; the whole image, not a
         part of it.
     """
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
-    return np.asarray(cv2.convertScaleAbs(image, alpha=255.0 / white_level([image])), np.uint8)
+    white = (1 << max(int(image.max()).bit_length(), 8)) - 1
+    return np.asarray(cv2.convertScaleAbs(image, alpha=255.0 / white), np.uint8)

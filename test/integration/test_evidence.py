@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import signal
+import subprocess
 
 import cv2
 import numpy as np
@@ -13,13 +15,30 @@ import pytest
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from rclpy.duration import Duration  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
     EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.cli.main import main  # noqa: E402
 
-STARTUP_S, RECORD_S = 60.0, 180.0
+STARTUP_S, RECORD_S, EVENT_S = 60.0, 180.0, 20.0
+
+
+@pytest.mark.parametrize('topic', ['/passes', '/pass_traces'])
+def test_node_that_is_stopped_waits_for_passes_of_nodes_that_end_with_it(
+        stand_in, tmp_path, topic):
+    from stereo_speed.nodes.common import LATCHED
+    publisher = stand_in.create_publisher(String, topic, LATCHED)
+    with Process('evidence_node', f'out:={tmp_path / "evidence"}') as node:
+        stand_in.wait(lambda: publisher.get_subscription_count() == 1, STARTUP_S)
+        publisher.publish(String(data='{}'))
+        assert publisher.wait_for_all_acked(Duration(seconds=EVENT_S))  # it knows this process
+        node.process.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            node.process.wait(1.0)
+        stand_in.destroy_publisher(publisher)
+        assert node.process.wait(EVENT_S) == 0
 
 
 def _same(live, offline, where):

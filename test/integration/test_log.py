@@ -71,6 +71,7 @@ def test_passes_that_are_published_while_all_nodes_end_are_in_the_file(stand_in,
     with Process('log_node', f'file:={path}') as node:
         passes.publish(String(data=texts[0]))
         stand_in.wait(lambda: passes.get_subscription_count() == 1, STARTUP_S)
+        assert passes.wait_for_all_acked(Duration(seconds=EVENT_S))  # it knows this process
         node.process.send_signal(signal.SIGINT)
         with pytest.raises(subprocess.TimeoutExpired):  # it waits for this process
             node.process.wait(1.0)

@@ -106,7 +106,9 @@ def test_other_files_and_texts_are_refused_in_one_line(tmp_path):
         for bad in ('', '[]', '{}', '[' * 100000, text(0).replace('"stereo_speed_pass": 1',
                                                                   '"stereo_speed_pass": 2'),
                     text(0).replace('"track": 0', f'"track": {2 ** 63}'),
-                    text(0).replace('"lane": "near"', r'"lane": "\ud800"')):
+                    text(0).replace('"lane": "near"', r'"lane": "\ud800"'),
+                    text(0).replace('"lane": "near"', '"lane": ["near"]'),
+                    text(0).replace('"track": 0', '"track": {}')):
             assert bad != text(0)
             with pytest.raises(InputError, match='^pass: '):
                 log.add_pass(bad)

@@ -58,6 +58,16 @@ def test_scale_of_a_line_that_goes_on_beyond_the_view(length_m):
         'lane', (short.path,), None, make_rig(), 0.03).shape_std, rel=0.5)
 
 
+def test_scale_of_a_line_of_which_little_is_in_view():
+    """Three metres of a road that crosses the view 8 m away."""
+    def std(length_m):
+        path = StraightPath(np.array([-length_m / 2, 1.0, 8.0]), np.array([1.0, 0.0, 0.02]),
+                            length_m)
+        return with_scale(LanePath('lane', path, None, np.zeros(2), 0.0), make_rig(),
+                          np.diag([np.radians(0.001)**2, 0.0, 0.0])).scale_std
+    assert std(25.0) == pytest.approx(std(6.0), rel=0.3) and std(25.0) > 0
+
+
 def test_path_out_of_view_keeps_its_scale():
     behind = StraightPath(np.array([0.0, 3.0, -70.0]), np.array([0.0, 0.0, -1.0]), 50.0)
     lane = LanePath('lane', behind, None, np.zeros(2), 0.0)

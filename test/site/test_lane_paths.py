@@ -93,6 +93,27 @@ def test_surveyed_lines_that_are_swapped_or_opposed_are_refused(scene):
                        scene.rig)
 
 
+@pytest.mark.parametrize('bend', [1, -1], ids=['to the left', 'to the right'])
+@pytest.mark.parametrize('swapped', [False, True])
+def test_surveyed_lines_of_other_lengths_are_compared_where_there_are_both(scene, bend, swapped):
+    """The right one goes on for 250 m round a bend, the left one ends after 60 m."""
+    def line_m(radius_m, length_m):
+        angle = np.linspace(0.0, length_m / 200.0, 40)
+        return np.stack([bend * (200.0 - radius_m * np.cos(angle)), np.full(40, 3.0),
+                         70.0 - radius_m * np.sin(angle)], axis=-1)
+    # At the camera's end both run towards it, and bend to the driver's left or right.
+    outer, inner = 201.75, 198.25
+    right, left = (outer, inner) if bend > 0 else (inner, outer)
+    lines = {'right': line_m(right, 250.0), 'left': line_m(left, 60.0)}
+    names = ('left', 'right') if swapped else ('right', 'left')
+    site = site_of(lines, (*names, None))
+    if swapped:
+        with pytest.raises(SiteError, match='left of'):
+            lane_paths(site, scene.rig)
+    else:
+        assert lane_paths(site, scene.rig)
+
+
 def shuffled(uv):
     """Swap two distant picks."""
     uv = uv.copy()

@@ -35,7 +35,10 @@ def test_figures_of_lines_and_lanes(drawn_refined, figures):
 def test_change_is_that_of_the_speeds_from_the_clicks_to_the_refined_site(
         drawn_refined, monkeypatch):
     """Along clicks that make lengths a quarter too long, speeds read a quarter too high."""
-    monkeypatch.setattr(report_module, 'speed_error', lambda true, used: 0.25)
+    def error(true, used):
+        assert true.path is drawn_refined.lanes['lane'].path is not used.path
+        return 0.25
+    monkeypatch.setattr(report_module, 'speed_error', error)
     lane, = report(drawn_refined).lanes
     assert lane.change == pytest.approx(-0.2)
     assert any('refinement changes speeds by -20.000 %' in line
