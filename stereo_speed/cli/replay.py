@@ -33,8 +33,7 @@ from ..io.ahead import ahead
 from ..io.atomic import prepare_folder
 from ..io.bags import StereoBag
 from ..io.boxes import BoxFeed
-from ..io.results import (
-    file_sha256, software_versions, staged_run, stream_timings, TRACKS, write_run)
+from ..io.results import software_versions, staged_run, stream_timings, TRACKS, write_run
 from ..io.track_rows import TrackRows
 from ..pipeline.assembly import MeasuringSite
 from ..pipeline.conclusions import Later
@@ -155,10 +154,12 @@ class _Inputs:
         """Read the files; that of the boxes is read as it is used."""
         site = load_site(args.site)
         annotations = None if args.init is None else load_init(args.init)
-        return cls(site, annotations, {
-            f'{name}_sha256': None if path is None or not path.is_file() else file_sha256(path)
-            for name, path in (('site', args.site), ('init', args.init), ('boxes', args.boxes))},
-            identity_of(args))
+        identity = identity_of(args)
+        sha256 = {f'{name}_sha256': None if path is None
+                  else identity['inputs'].get(str(path.resolve()))
+                  for name, path in (('site', args.site), ('init', args.init),
+                                     ('boxes', args.boxes))}
+        return cls(site, annotations, sha256, identity)
 
 
 @dataclass(frozen=True)

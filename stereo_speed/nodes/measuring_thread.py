@@ -272,13 +272,11 @@ class MeasuringThread:
         """
         pairs = []
         for arrival in list(self._waiting):
-            try:
-                pair = arrival.pair(arrival.index)
-                rig.check_sizes(pair)
-                pairs.append(pair)
-            except InputError as error:
-                self._refusals.add('pair', error)
+            pair = self._pair_of(arrival, rig)
+            if pair is None:
                 self._waiting.remove(arrival)
+            else:
+                pairs.append(pair)
         return pairs
 
     def _measure_at(self, place: MeasuringSite, corrected: str = '') -> SpeedPipeline:
@@ -310,10 +308,18 @@ class MeasuringThread:
         if place.not_refined:
             self._log.warning(f'site not refined, used as written: {place.not_refined}')
 
-    def _pair_of(self, arrival: _Arrival) -> Optional[StereoPair]:
-        """Return the pair that has arrived; None, and report it, where it cannot be used."""
+    def _pair_of(self, arrival: _Arrival, rig: Optional[StereoRig] = None
+                 ) -> Optional[StereoPair]:
+        """
+        Return the pair that has arrived; None, and report it, where it cannot be used.
+
+        :param rig: rig whose calibration it must fit; None where the pipeline checks that.
+        """
         try:
-            return arrival.pair(arrival.index)
+            pair = arrival.pair(arrival.index)
+            if rig is not None:
+                rig.check_sizes(pair)
+            return pair
         except InputError as error:
             self._refusals.add('pair', error)
             return None

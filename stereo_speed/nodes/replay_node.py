@@ -50,16 +50,14 @@ class _Pace:
 
     def take(self, image: BagMessage) -> None:
         """Go on to the next image."""
-        step_ns = 0 if self._last is None else image.stamp_ns - self._last.stamp_ns
-        if abs(step_ns) <= _JUMP_NS:
+        last, self._last = self._last or image, image
+        step_ns = image.stamp_ns - last.stamp_ns
+        recorded_ns = max(image.log_time_ns - last.log_time_ns, 0)
+        steady, paused = (abs(ns) <= _JUMP_NS for ns in (step_ns, step_ns - recorded_ns))
+        if steady or paused:
             self.clock_ns = max(self.clock_ns, image.stamp_ns)
-        elif self._last is not None:
-            recorded_ns = max(image.log_time_ns - self._last.log_time_ns, 0)
-            if abs(step_ns - recorded_ns) <= _JUMP_NS:  # the recording paused
-                self.clock_ns = max(self.clock_ns, image.stamp_ns)
-            step_ns = recorded_ns
-        self._at_ns += step_ns
-        self.time_s, self._last = self._at_ns * 1e-9, image
+        self._at_ns += step_ns if steady else recorded_ns
+        self.time_s = self._at_ns * 1e-9
 
 
 class _Due(NamedTuple):

@@ -192,7 +192,7 @@ def _part_surveyed(site: Site, spec: LaneSpec, on_road: Mapping[str, LanePath],
 
 def _refuse_crossed(site: Site, spec: LaneSpec, right: Path, left: Path) -> None:
     """Refuse lines of which one is surveyed, if they are opposed or on each other's side."""
-    short, long = sorted((right, left), key=lambda path: path.length_m)
+    short = min(right, left, key=lambda path: path.length_m)
     here = short.position(np.array([short.length_m / 2]))  # where there are both
     at_right, at_left = right.arc_length(here), left.arc_length(here)
     on_right, on_left = right.position(at_right), left.position(at_left)
