@@ -11,6 +11,7 @@ Only the thread of the node processes messages; the measuring thread only reads.
 """
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 import time
 from typing import Any, Callable, Optional
@@ -23,6 +24,7 @@ from ..io.camera_info import camera_from_info, rig_from_info, same_calibration
 _REPEATED = 3
 _UNCONTRADICTED_S = 1.0
 _PATIENCE_S = 5.0  # time to wait for the first calibrations
+_IN_TURN_S = 5.0  # time within which so many contradictions are no single faulty message
 
 
 @dataclass
@@ -51,6 +53,7 @@ class CalibrationWatch:
         self._known: dict[str, Any] = {}
         self._others: dict[str, _Candidate] = {}
         self._fault = ''
+        self._contradicted_s: deque[float] = deque(maxlen=_REPEATED)  # times of the last ones
 
     @property
     def doubtful(self) -> bool:
@@ -75,7 +78,8 @@ class CalibrationWatch:
             self._known[side] = msg
             self._make()
         elif same_calibration(known, msg):
-            self._others.pop(side, None)
+            if self._others.pop(side, None) is not None:
+                self._contradicted_s.append(self._clock())
         elif other is not None and same_calibration(other.msg, msg):
             other.count += 1
         else:
@@ -116,6 +120,13 @@ class CalibrationWatch:
                                    if side not in self._known)
             late = self._clock() - self._begun_s > _PATIENCE_S
             state.find(ERROR if late else WARN, f'waiting for {missing}')
-        elif self.doubtful:
-            state.find(ERROR, 'a different calibration has arrived: nothing is measured until it '
+        elif self._in_turn():
+            state.find(ERROR, 'two calibrations arrive in turn: pairs between them are withheld')
+        elif self.doubtful:  # for about a second at most
+            state.find(WARN, 'a different calibration has arrived: nothing is measured until it '
                        'is confirmed')
+
+    def _in_turn(self) -> bool:
+        """Return whether a side gets two calibrations, as from two drivers."""
+        times_s = self._contradicted_s
+        return len(times_s) == _REPEATED and self._clock() - times_s[0] < _IN_TURN_S

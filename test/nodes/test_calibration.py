@@ -82,7 +82,7 @@ def test_changed_calibration_is_accepted_when_repeated(watch):
     both(watch)
     for _ in range(2):
         both(watch, 1515.0)
-        assert watch.doubtful and watch.current[0] == 1 and level(watch) == ERROR
+        assert watch.doubtful and watch.current[0] == 1 and level(watch) == WARN
     both(watch, 1515.0)
     version, rig = watch.current
     assert version == 2 and rig.left.K[0, 0] == rig.right.K[0, 0] == 1515.0
@@ -103,6 +103,21 @@ def test_known_calibration_ends_the_doubt(watch):
     assert watch.doubtful
     watch.take('left', info('left'))
     assert not watch.doubtful and watch.current[0] == 1
+
+
+def test_two_calibrations_in_turn_are_an_error_and_a_single_other_one_is_not(watch, clock):
+    """As of two drivers that publish on one topic, at any phase of ``/diagnostics``."""
+    both(watch)
+    levels = []
+    for _ in range(6):
+        for f_px in (1515.0, 1500.0):
+            both(watch, f_px)
+            levels.append(level(watch))
+            clock.s += 0.1
+    assert levels[:2] == [WARN, OK] and set(levels[4:]) == {ERROR}
+    assert watch.current[0] == 1
+    clock.s += 6.0
+    assert level(watch) == OK
 
 
 def test_rig_is_valid_from_its_calibration_to_the_next_doubt(watch):
