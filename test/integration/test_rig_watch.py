@@ -12,6 +12,7 @@ pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from scipy.spatial.transform import Rotation  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+import yaml  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
     EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
@@ -38,6 +39,14 @@ def turned(topic, _, msg):
     return msg
 
 
+def of_two_lines(sample, path):
+    """Write the site of the sample with one lane, and return its path: a look is ten times as fast."""
+    site = yaml.safe_load((sample / 'site.yaml').read_text())
+    del site['lines']['edge_left'], site['lanes'][1]
+    path.write_text(yaml.safe_dump(site))
+    return path
+
+
 def test_check_of_the_rig_is_reported(stand_in, sample):
     states = heard_of(stand_in)
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
@@ -55,9 +64,9 @@ def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite,
     states, passes = heard_of(stand_in), []
     stand_in.create_subscription(
         String, 'passes', lambda m: passes.append(json.loads(m.data)), LATCHED)
-    bag = rewrite(tmp_path / 'bag', turned, 1000)
+    bag, site = rewrite(tmp_path / 'bag', turned, 1000), of_two_lines(sample, tmp_path / 'one.yaml')
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
-                 f'site:={sample / "site.yaml"}', 'rig_check_interval_s:=3600',
+                 f'site:={site}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):
         stand_in.wait(lambda: stand_in.count_subscribers('/left/image_raw'), STARTUP_S)
         with Process('replay_node', f'bag:={bag}', 'loop:=true', 'rate:=0.25'):
