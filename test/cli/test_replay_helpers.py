@@ -84,8 +84,11 @@ def test_files_do_not_depend_on_helpers_or_their_death(sample, tmp_path, monkeyp
     alone, ended = written('alone', lambda: Helpers(False, None, ahead=False))
     assert not ended
     assert written('read ahead', lambda: Helpers(False, None)) == (alone, [])
-    assert written('helped', both) == (alone, [0])
     capfd.readouterr()
+    helped, ended = written('helped', both)
+    # One that does not end within two seconds on a busy machine is killed in the end, too.
+    assert helped == alone and len(ended) == 1
+    assert ' process: ' not in capfd.readouterr().err
     assert written('killed', both, Dying, DyingBeforePasses) == (alone, [-signal.SIGKILL] * 2)
     said = capfd.readouterr().err
     assert 'search process: ' in said
