@@ -9,17 +9,15 @@ of a painted band is therefore its middle in space, however obliquely the camera
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .empty_road import Background, LIGHT_STEP_PX
+from .empty_road import Background, LEAST_NOISE_GREY, LIGHT_STEP_PX
 from ...core.records import Array
 from ...road.fitted import RoadFit
 from ...road.occlusion import hidden
 from ...road.path import chord_lengths
-from ...vision.spline_image import SplineImage
 
 SPACING_PX = 1.5  # spacing of cross-sections along the line; closer ones share their pixels
 BORDER_PX = 3.0  # width of the image border, where the spline knows only one side
@@ -39,15 +37,18 @@ class CrossSections:
     :param s_m: (n,) reference arc lengths, m.
     :param arc_px: (n,) lengths along the line in the image, px.
     :param px_per_m: (n,) image scale across the line, px/m.
+    :param swept: (n,) whether the light there changes over time.
     """
 
     s_m: Array
     arc_px: Array
     px_per_m: Array
+    swept: NDArray[np.bool_]
 
     def take(self, where: NDArray[np.bool_]) -> CrossSections:
         """Return the selected cross-sections."""
-        return CrossSections(self.s_m[where], self.arc_px[where], self.px_per_m[where])
+        return CrossSections(
+            self.s_m[where], self.arc_px[where], self.px_per_m[where], self.swept[where])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +59,18 @@ class LineView:
     :param fit: the road as known so far.
     :param line: number of the line.
     :param right: whether the view is the right one.
-    :param image: the view without traffic.
-    :param noise_grey: 1-sigma of the noise, grey levels.
-    :param change: see :class:`.empty_road.Background`.
+    :param view: the view without traffic.
     """
 
     fit: RoadFit
     line: int
     right: bool
-    image: SplineImage
-    noise_grey: float
-    change: Optional[NDArray[np.float32]] = None
+    view: Background
 
-    @classmethod
-    def of(cls, fit: RoadFit, line: int, right: bool, view: Background) -> LineView:
-        """Return a line of a road in the background of a view."""
-        return cls(fit, line, right, view.spline, view.noise_grey, view.change)
+    @property
+    def noise_grey(self) -> float:
+        """Return the 1-sigma of the noise, grey levels."""
+        return self.view.noise_grey
 
     def seen(self, s_m: Array, across_m: Array) -> Array:
         """
@@ -88,15 +85,26 @@ class LineView:
         """
         Return the grey levels (n, k) along cross-sections, NaN outside the image.
 
+        Those that lamps sweep are made as bright as the others, so as not to outweigh them.
+
         :param across_m: (n, k) distances from the line along each cross-section, m.
         """
-        return self.image(self.seen(sections.s_m, across_m))
+        grey = self.view.spline(self.seen(sections.s_m, across_m))
+        swept = sections.swept
+        if swept.any() and not swept.all():
+            known = np.isfinite(grey)
+            light = np.where(known, grey, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+            grey[swept] *= (np.median(light[~swept])
+                            / np.maximum(light[swept], LEAST_NOISE_GREY))[:, None]
+        return grey
 
-    def sections(self, ends_px: Array) -> CrossSections:
+    def sections(self, ends_px: Array, steady_share: float = np.inf) -> CrossSections:
         """
         Return evenly spaced cross-sections of the line, without those that the road occludes.
 
         :param ends_px: (2, 2) raw pixels of the two ends of the line.
+        :param steady_share: largest change of light over time that counts as none, as a share of
+            the grey level and apart from exposure.
         """
         feet = self.fit.foot(self.line, self.right, ends_px)
         s = np.linspace(feet.min(), feet.max(), _DENSE)
@@ -107,7 +115,7 @@ class LineView:
         # A bad road may lead close to the camera, where a metre may span a million pixels.
         visible = ((uv > -size) & (uv < 2 * size)).all(axis=-1)
         if not visible.any():
-            return CrossSections(*np.zeros((3, 0)))
+            return CrossSections(*np.zeros((3, 0)), np.zeros(0, dtype=bool))
         s, arc = s[visible], chord_lengths(uv[visible])
         arcs = np.linspace(0, arc[-1], max(int(arc[-1] / SPACING_PX), 2))
         at, zeros = np.interp(arcs, arc, s), np.zeros(len(arcs))
@@ -120,19 +128,19 @@ class LineView:
         good &= px_per_m > _MIN_SINE * np.linalg.norm(across, axis=-1)
         coarse = np.linspace(s[0], s[-1], _OCCLUSION_SAMPLES)
         good &= np.interp(at, coarse, hidden(self.fit, self.line, self.right, coarse)) == 0
-        return CrossSections(at, arcs, px_per_m).take(good)
+        at, arcs, px_per_m = at[good], arcs[good], px_per_m[good]
+        return CrossSections(at, arcs, px_per_m, self._swept(at, steady_share))
 
-    def steady(self, sections: CrossSections, most_share: float) -> NDArray[np.bool_]:
+    def _swept(self, s_m: Array, most_share: float) -> NDArray[np.bool_]:
         """
-        Return for which cross-sections (n,) the light hardly changes over time.
+        Return at which arc lengths (n,) the light changes over time.
 
-        Headlamps that sweep the road, and their reflections on a wet one, leave false edges.
-
-        :param most_share: largest change, as a share of the grey level.
+        Headlamps sweep the road, and their reflections a wet one.
         """
-        if self.change is None:
-            return np.ones(len(sections.s_m), dtype=bool)
-        uv = self.seen(sections.s_m, np.tile(_BESIDE_M, (len(sections.s_m), 1))) / LIGHT_STEP_PX
-        last = np.array(self.change.shape[::-1]) - 1
+        change = self.view.change
+        if change is None or not len(s_m):
+            return np.zeros(len(s_m), dtype=bool)
+        uv = self.seen(s_m, np.tile(_BESIDE_M, (len(s_m), 1))) / LIGHT_STEP_PX
+        last = np.array(change.shape[::-1]) - 1
         u, v = np.moveaxis(np.clip(np.rint(np.nan_to_num(uv)), 0, last).astype(int), -1, 0)
-        return np.asarray(np.quantile(self.change[v, u], _STEADY_SHARE, axis=1) <= most_share)
+        return np.asarray(np.quantile(change[v, u], _STEADY_SHARE, axis=1) > most_share)

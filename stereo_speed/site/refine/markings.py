@@ -97,6 +97,7 @@ class _Candidate(NamedTuple):
     One kind of line, followed over all cross-sections.
 
     :param score: sum of its contrasts.
+    :param sections: the cross-sections.
     :param shape: its rough shape.
     :param start_m: (n,) its place on each cross-section, m.
     :param contrast: (n,) contrast there, grey levels; 0 where it is not seen.
@@ -104,15 +105,16 @@ class _Candidate(NamedTuple):
     """
 
     score: float
+    sections: CrossSections
     shape: Shape
     start_m: Array
     contrast: Array
     usual: float
 
     @property
-    def rough(self) -> tuple[Shape, Array, Array]:
-        """Return shape, places and contrasts, to measure the line from."""
-        return self.shape, self.start_m, self.contrast
+    def rough(self) -> tuple[CrossSections, Shape, Array, Array]:
+        """Return cross-sections, shape, places and contrasts, to measure the line from."""
+        return self.sections, self.shape, self.start_m, self.contrast
 
 
 class _Candidates(NamedTuple):
@@ -168,12 +170,13 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     :param config: parameters of search and measurement.
     :return: None if no marking runs along the rough line.
     """
-    sections = _steady_sections(view, ends_px, config)
-    if sections is None:
-        return None
     if shape is None:
-        found = _search(view, sections, config).best
-        return None if found is None else _measured(view, sections, *found.rough, config)
+        found = _search(view, view.sections(ends_px, config.steady_share), config).best
+        return None if found is None else _measured(view, *found.rough, config)
+    sections = view.sections(ends_px, config.steady_share)
+    sections = sections.take(_trusted(shape, sections))
+    if len(sections.s_m) < 2 * LEAST_SECTIONS:
+        return None
     start = np.zeros(len(sections.s_m))
     x, grey = _read(view, sections, start, shape)
     contrast = fit_sections(shape, x, grey, sections.px_per_m, start, view.noise_grey).contrast
@@ -201,23 +204,22 @@ def locate_both(views: Sequence[LineView], ends_px: Sequence[Array],
         found = [locate(view, ends, line.shape, config)
                  for view, ends, line in zip(views, ends_px, before)]
     else:
-        sections = [_steady_sections(view, ends, config) for view, ends in zip(views, ends_px)]
-        seen = [s for s in sections if s is not None]
-        if len(seen) < 2:
-            return None
-        rough = _of_one_kind([_search(view, s, config) for view, s in zip(views, seen)])
-        found = [_measured(view, s, *one.rough, config)
-                 for view, s, one in zip(views, seen, rough)]
+        rough = _of_one_kind([
+            _search(view, view.sections(ends, config.steady_share), config)
+            for view, ends in zip(views, ends_px)])
+        found = [_measured(view, *one.rough, config) for view, one in zip(views, rough)]
     both = [line for line in found if line is not None]
     return (both[0], both[1]) if len(both) == 2 else None
 
 
-def _steady_sections(view: LineView, ends_px: Array, config: RefineConfig
-                     ) -> Optional[CrossSections]:
-    """Return the cross-sections that nothing moves through; None if these are too few."""
-    sections = view.sections(ends_px)
-    sections = sections.take(view.steady(sections, config.steady_share))
-    return None if len(sections.s_m) < 2 * LEAST_SECTIONS else sections
+def _trusted(shape: Shape, sections: CrossSections) -> NDArray[np.bool_]:
+    """
+    Return which cross-sections (n,) can show a line of some shape.
+
+    Where headlamps sweep the road, only light bands are paint. An edge, or what is darker than
+    its sides, may be their light.
+    """
+    return ~sections.swept | (shape.kind == BAND and shape.sign > 0)
 
 
 def _measured(view: LineView, sections: CrossSections, shape: Shape, start: Array,
@@ -257,9 +259,9 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig) -> _C
     samples = max(_SEARCH_SAMPLES, int(_SAMPLES_PER_PX * config.search_px))
     x = half[:, None] * np.linspace(-1, 1, samples)
     grey = view.read(sections, x)
-    reach = np.minimum(config.search_px / scale, half)
+    within = np.abs(x) <= np.minimum(config.search_px / scale, half)[:, None]
     edges, *bands = (
-        [_follow(x, np.where(np.abs(x) <= reach[:, None], contrast, -np.inf), sections,
+        [_follow(x, np.where(within, contrast, -np.inf), sections,
                  Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
          for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))]
         for width in (0.0, *WIDTHS_M))
@@ -299,6 +301,10 @@ def _follow(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     :param x: (n, k) places on the cross-sections, m.
     :param contrast: (n, k) contrasts there; -inf outside the search range.
     """
+    trusted = _trusted(shape, sections)
+    x, contrast, sections = x[trusted], contrast[trusted], sections.take(trusted)
+    if len(x) < 2 * LEAST_SECTIONS:
+        return _Candidate(-1.0, sections, shape, np.zeros(len(x)), np.zeros(len(x)), 0.0)
     best = np.argmax(contrast, axis=1)
     rows = np.arange(len(x))
     peak = contrast[rows, best]
@@ -307,13 +313,13 @@ def _follow(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     usual = float(np.quantile(peak, _USUAL_QUANTILE))
     good = peak > config.painted_share * max(usual, 1e-6)
     if good.sum() < LEAST_SECTIONS:
-        return _Candidate(-1.0, shape, np.zeros(len(x)), peak, 0.0)
+        return _Candidate(-1.0, sections, shape, np.zeros(len(x)), peak, 0.0)
     curve = _consensus(sections.arc_px, off_px, good)
     near = good & (np.abs(off_px - curve) < _NEAR_PX)
     size = np.sqrt(shape.width_m * sections.px_per_m[near]) if shape.width_m else np.ones(
         near.sum())
     usual = usual * min(1.0, near.sum() / max(_COHERENT_SHARE * good.sum(), 1))
-    return _Candidate(float(np.sum(peak[near] * size)), shape, curve / sections.px_per_m,
+    return _Candidate(float(np.sum(peak[near] * size)), sections, shape, curve / sections.px_per_m,
                       np.where(near, peak, 0.0), usual)
 
 

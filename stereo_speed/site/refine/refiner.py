@@ -101,7 +101,7 @@ class RefinedSite:
 
     def line_view(self, road: RoadFit, name: str, right: bool) -> LineView:
         """Return one line of the road in one view."""
-        return LineView.of(road, road.number(name), right, self.views[int(right)])
+        return LineView(road, road.number(name), right, self.views[int(right)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,7 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
             before = found.get(name)
             if name in known or (number and before is None):
                 continue
-            both = [LineView.of(fit, i, bool(r), views[r]) for r in (0, 1)]
+            both = [LineView(fit, i, bool(r), views[r]) for r in (0, 1)]
             ends_px = [uv[[0, -1]] for uv in site.picked[name].views_px]
             line = locate_both(both, ends_px, before, config)
             if line is not None:

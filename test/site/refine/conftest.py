@@ -27,7 +27,6 @@ from stereo_speed.site.refine.empty_road import Background
 from stereo_speed.site.refine.extrinsic_drift import decide_drift, FamilyDrift
 from stereo_speed.site.refine.markings import locate
 from stereo_speed.site.refine.refiner import RefinedSite
-from stereo_speed.vision.spline_image import SplineImage
 import yaml
 
 
@@ -128,7 +127,8 @@ class DrawnRoad:
 
     def view(self, name: str, right: int, image: np.ndarray, noise: float = 1.0) -> LineView:
         """Return a line in a drawn view."""
-        return LineView(self.fit, self.fit.number(name), bool(right), SplineImage(image), noise)
+        return LineView(self.fit, self.fit.number(name), bool(right),
+                        Background(image.astype(np.float32), noise, 9))
 
     def off_px(self, name: str, uv_px: np.ndarray, right: int) -> np.ndarray:
         """Return signed distances (n,) of pixels from a line, which is straight in the image."""
@@ -161,7 +161,7 @@ def drawn_refined(drawn) -> RefinedSite:
     views = tuple(Background(drawn.image(right, period_m=8.0).astype(np.float32), 1.0, 9)
                   for right in (0, 1))
     found = {name: tuple(
-        locate(LineView(drawn.fit, i, bool(right), views[right].spline, 1.0),
+        locate(LineView(drawn.fit, i, bool(right), views[right]),
                drawn.lines[name].views_px[right][[0, -1]]) for right in (0, 1))
              for i, name in enumerate(LINES_M)}
     drift = decide_drift(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from stereo_speed.road.problem import RoadProblem
 from stereo_speed.site.refine.cross_sections import BORDER_PX, LineView, SPACING_PX
-from stereo_speed.vision.spline_image import SplineImage
+from stereo_speed.site.refine.empty_road import Background, LIGHT_STEP_PX
 
 F_PX, HEIGHT_M = 900.0, 3.0
 
@@ -17,8 +17,8 @@ F_PX, HEIGHT_M = 900.0, 3.0
 @pytest.fixture(scope='module')
 def view(drawn):
     """Return the right-hand line in an image whose grey level is the column."""
-    ramp = np.tile(np.arange(640.0), (360, 1))
-    return LineView(drawn.fit, 0, False, SplineImage(ramp, np.float64), 1.0)
+    ramp = np.tile(np.arange(640, dtype=np.float32), (360, 1))
+    return LineView(drawn.fit, 0, False, Background(ramp, 1.0, 9))
 
 
 def test_places_and_scale(drawn, view):
@@ -44,7 +44,7 @@ def test_grey_levels_are_read_across(drawn, view):
     uv = view.seen(sections.s_m, across)
     known = np.isfinite(grey)
     assert known.mean() > 0.9
-    np.testing.assert_allclose(grey[known], uv[known][:, 0], atol=1e-6)
+    np.testing.assert_allclose(grey[known], uv[known][:, 0], atol=1e-4)  # single precision
     assert np.all(np.diff(grey, axis=1)[known[:, 1:] & known[:, :-1]] > 0)  # to the left of travel
 
 
@@ -71,7 +71,7 @@ def test_road_behind_the_camera_has_no_cross_sections(drawn, view):
     sections = line.sections(drawn.lines['right'].left_px[[0, -1]])
     assert len(sections.s_m) == len(sections.arc_px) == len(sections.px_per_m) == 0
     assert line.read(sections, np.zeros((0, 7))).shape == (0, 7)
-    assert line.steady(sections, 0.1).shape == (0,)
+    assert sections.swept.shape == (0,)
 
 
 def test_cross_sections_can_be_selected(drawn, view):
@@ -80,3 +80,20 @@ def test_cross_sections_can_be_selected(drawn, view):
     taken = sections.take(some)
     np.testing.assert_array_equal(taken.arc_px, sections.arc_px[some])
     np.testing.assert_array_equal(taken.px_per_m, sections.px_per_m[some])
+    np.testing.assert_array_equal(taken.swept, sections.swept[some])
+
+
+def test_places_that_lamps_sweep_are_read_as_bright_as_the_rest(drawn, view):
+    """Below a row of the image it is five times brighter, and the light changes by 30 %."""
+    image = np.full((360, 640), 50, np.float32)
+    change = np.zeros((360 // LIGHT_STEP_PX, 640 // LIGHT_STEP_PX), np.float32)
+    image[196:], change[200 // LIGHT_STEP_PX:] = 250, 0.3
+    line = replace(view, view=replace(view.view, image=image, change=change))
+    sections = line.sections(drawn.lines['right'].left_px[[0, -1]], 0.29)
+    v = line.seen(sections.s_m, np.zeros(len(sections.s_m)))[:, 1]
+    np.testing.assert_array_equal(sections.swept, v > 200 - LIGHT_STEP_PX / 2)
+    assert not line.sections(drawn.lines['right'].left_px[[0, -1]], 0.31).swept.any()
+    grey = line.read(sections, np.zeros((len(v), 3)))
+    np.testing.assert_allclose(grey[(v < 190) | sections.swept], 50.0, rtol=3e-3)
+    alone = sections.take(sections.swept)
+    np.testing.assert_allclose(line.read(alone, np.zeros((len(alone.s_m), 3))), 250.0, rtol=3e-3)

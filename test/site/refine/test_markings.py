@@ -61,18 +61,23 @@ def test_gaps_and_poles_are_left_out(drawn):
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
-def test_places_swept_by_lamps_do_not_count(drawn):
-    """There a marking may appear displaced."""
-    image, change = drawn.image(0, noise=1.0), np.zeros((180, 320), np.float32)
-    near = slice(250, None)
-    image[near] = np.roll(image[near], 1, axis=1)
+@pytest.mark.parametrize('kind, sign', [('band', 1), ('band', -1), ('edge', 1)])
+def test_only_light_bands_count_where_lamps_sweep(drawn, kind, sign):
+    """There an edge may be that of their light, and what is dark may be a gap in it."""
+    image = drawn.image(0, noise=1.0, **({} if kind == 'band' else {'width_m': 0.0}))
+    view = drawn.view('right', 0, ASPHALT + sign * (image - ASPHALT))
+    change = np.zeros((180, 320), np.float32)
     change[125:] = 0.3
-    view = replace(drawn.view('right', 0, image), change=change)
-    swept = locate(view, ends(drawn, 'right', 0), config=RefineConfig(steady_share=0.31))
-    assert np.abs(drawn.off_px('right', swept.uv_px, 0)).max() > 0.5
-    steady = locate(view, ends(drawn, 'right', 0), config=RefineConfig(steady_share=0.29))
-    assert steady.uv_px[:, 1].max() < 252 < swept.uv_px[:, 1].max()
-    assert np.abs(drawn.off_px('right', steady.uv_px, 0)).max() < 0.2
+    view = replace(view, view=replace(view.view, change=change))
+    both = [locate(view, ends(drawn, 'right', 0), config=RefineConfig(steady_share=share))
+            for share in (0.31, 0.29)]
+    for found in both:
+        assert (found.shape.kind, found.shape.sign) == (kind, sign)
+        assert np.abs(drawn.off_px('right', found.uv_px, 0)).max() < 0.2
+        again = locate(view, ends(drawn, 'right', 0), found.shape, RefineConfig(steady_share=0.29))
+        assert again.sections == both[1].sections
+    steady, swept = (found.uv_px[:, 1].max() for found in both)
+    assert steady > 270 and (swept > 270 if (kind, sign) == ('band', 1) else swept < 252)
 
 
 @pytest.mark.parametrize('noise', [0.0, 3.0])
