@@ -42,6 +42,12 @@ class NoiseConfig(CheckedRecord):
         'outline of a clipped area keeps its size in pixels while the front grows')
     clipped_reach_px: float = parameter(
         3.0, 0.0, 20.0, 'px', 'distance by which light spreads in the lens around a clipped area')
+    glare_level: float = parameter(
+        0.45, 0.0, 10.0, '', 'share of full scale that three quarters of the places right beyond '
+        'clipped_reach_px exceed where light spreads farther in the lens: glare; 10 for none')
+    glare_floor_px: float = parameter(
+        1.0, 0.0, 100.0, 'px', 'texture_floor_px of what lies in glare, which keeps its size in '
+        'pixels while the front grows')
     relief_std_m: float = parameter(
         0.04, 0.0001, 0.5, 'm', 'scale of the relief of a front: bumper, grille and lamps lie '
         'centimetres apart in depth')

@@ -11,7 +11,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 import math
-from typing import Any, Optional, Sequence
+from typing import Any, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -36,6 +36,11 @@ _STEPS: Array = _STEP_M * np.eye(4, 3, -1)  # no step, and one along each axis o
 _BLUR_STEPS = 0.6  # 1-sigma of the low-pass in grid steps, so that near and far are comparable
 _BORDER_PX = 3  # border around the samples that the low-pass and the splines need
 _NOTHING: Patches = np.zeros((0, 0), np.float32)  # mask of an image without clipped pixels
+# Glare.  The darkest quarter of the places around lamps tells it from what is light by itself.
+_RING_PX, _DARK_QUARTER = 1.5, 0.25
+_LEVEL_RANGE = 0.2  # range of levels, of full scale, over which surroundings become glare
+_GLARE_REACH = 2.0  # its width beyond the reach, in half widths of the clipped area
+_DEEPER = math.sqrt(2)  # factor from one to the next distance from the edge of a clipped area
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +56,7 @@ class Observation:
     :param relief_jacobian: (2, G) derivatives of each sample by its own relief, 1/m.
     :param outlines: (2, G) change of each patch when the outlines of clipped areas move outwards,
         scaled to unit length; 0 without clipped areas.  The derivatives are orthogonal to it.
+    :param glare: (2, G) share of each sample that lies in the glare of clipped areas.
     :param by_blur: (2, G) change of each patch off clipped areas by Gaussian blur, per half the
         variance of the blur in steps of the grid.
     :param apart_jacobian: (3, G) derivatives of the left minus the right patch by the pose, 1/m.
@@ -73,6 +79,7 @@ class Observation:
     jacobian: Array
     relief_jacobian: Array
     outlines: Array
+    glare: Array
     by_blur: Array
     apart_jacobian: Array
     apart_relief: Array
@@ -92,6 +99,30 @@ class Observation:
     def cross_ncc(self) -> float:
         """Return the correlation of its two patches."""
         return float(self.patches[0] @ self.patches[1] / self.patches.shape[1])
+
+
+class _Crop(NamedTuple):
+    """
+    The part of a view that the samples need, low-passed to the grid's spacing.
+
+    :param smooth: (h, w) grey levels.
+    :param near: (h, w) mask of clipped areas and their outlines; (0, 0) if there are none.
+    :param glare: (h, w) mask of their glare; (0, 0) if there are none.
+    :param origin: (2,) column and row of the image where it begins.
+    """
+
+    smooth: Patches
+    near: Patches
+    glare: Patches
+    origin: Patches
+
+    def glare_at(self, at: Array) -> Array:
+        """Return the share of glare (G,) at columns and rows (2, G) of the image."""
+        if not self.glare.size:
+            return np.zeros(at.shape[1])
+        u, v = (at - self.origin[:, None]).astype(np.float32)
+        return cv2.remap(self.glare, u[:, None], v[:, None], cv2.INTER_LINEAR,
+                         borderMode=cv2.BORDER_REPLICATE)[:, 0].astype(np.float64)
 
 
 class ObservationSampler:
@@ -159,12 +190,13 @@ class ObservationSampler:
                  for image, bounds, apart, blur_px in zip(
                      (pair.left, pair.right), lie.bounds, lie.apart,
                      grown_blurs_px(self.blur_px, covered_px / self.blurred_at_px))]
-        origins = np.array([origin for _, _, origin in crops], dtype=np.float64)
-        seen = Views(*views(*crops[0][:2], *crops[1][:2], origins, lie.at, lie.motion,
-                            lie.apart))
+        origins = np.array([crop.origin for crop in crops], dtype=np.float64)
+        seen = Views(*views(crops[0].smooth, crops[0].near, crops[1].smooth, crops[1].near,
+                            origins, lie.at, lie.motion, lie.apart))
+        glare = np.stack([crop.glare_at(at) for crop, at in zip(crops, lie.at)])
         per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])
         return Observation(
-            pose=pose, heading_rad=heading_rad, relief=relief, **seen._asdict(),
+            pose=pose, heading_rad=heading_rad, relief=relief, **seen._asdict(), glare=glare,
             pixels=min(0.5 * float(lie.area.sum()), float(n)), shift_px=per_m,
             disparity_px=lie.centre[0, :, 0] - lie.centre[1, :, 0],
             velocity_mps=velocity_mps, lag_s=lag,
@@ -202,19 +234,22 @@ class ObservationSampler:
         return out, pixels
 
     def _cropped(self, image: NDArray[Any], bounds: Array, sigma: Sequence[float]
-                 ) -> tuple[Patches, Patches, Patches]:
+                 ) -> _Crop:
         """
         Return the part of a view that the samples need, low-passed to the grid's spacing.
 
         :param bounds: (2, 2) least and greatest pixel of the samples.
         :param sigma: 1-sigma of the low-pass down and across, px.
-        :return: the part of the view; the mask of its clipped areas, (0, 0) if there are none; and
-            its origin (2,), px.
         """
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
-        near = _clipped(crop, white_level([image]), self.noise)
-        return (_blurred(crop, sigma), _NOTHING if near is None else _blurred(near, sigma),
-                origin)
+        white = white_level([image])
+        clipped = _clipped(crop, white, self.noise)
+        if clipped is None:
+            return _Crop(_blurred(crop, sigma), _NOTHING, _NOTHING, origin)
+        near = _dilated(clipped, self.noise.clipped_reach_px).astype(np.float32)
+        glare = _glare(crop, clipped, white, self.noise)
+        return _Crop(_blurred(crop, sigma), _blurred(near, sigma),
+                     _NOTHING if glare is None else _blurred(glare, sigma), origin)
 
 
 def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
@@ -224,16 +259,44 @@ def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
                                        borderType=cv2.BORDER_REPLICATE))
 
 
-def _clipped(crop: Patches, white: int, noise: NoiseConfig) -> Optional[Patches]:
+def _clipped(crop: Patches, white: int, noise: NoiseConfig) -> Optional[NDArray[np.uint8]]:
     """
-    Return a mask of clipped pixels and those near them; None if there are none.
+    Return a mask of clipped pixels; None if there are none.
 
     Light from a lamp spreads by some pixels in the lens, and much of that is clipped too: the
     further away the front, the larger the lamp relative to it.
     """
     most = noise.clipped_share * white
-    if not crop.max() >= most:
+    return (crop >= most).astype(np.uint8) if crop.max() >= most else None
+
+
+def _glare(crop: Patches, clipped: NDArray[np.uint8], white: int, noise: NoiseConfig
+           ) -> Optional[Patches]:
+    """
+    Return the share of each pixel that lies in the glare of clipped areas; None if there is none.
+
+    Of strong lamps so much light spreads in a lens, or in rain on it, that the surroundings are
+    bright on all sides, the farther out the larger the clipped area.
+
+    :param clipped: (h, w) mask of clipped pixels.
+    """
+    off_px = cv2.distanceTransform(1 - clipped, cv2.DIST_L2, cv2.DIST_MASK_5)
+    beyond_px = off_px - noise.clipped_reach_px
+    around = crop[(beyond_px > 0) & (beyond_px <= _RING_PX)]
+    level = float(np.quantile(around, _DARK_QUARTER)) / white if around.size else 1.0
+    share = min(max((level - noise.glare_level) / _LEVEL_RANGE + 0.5, 0.0), 1.0)
+    if not share:
         return None
-    clipped = (crop >= most).astype(np.uint8)
-    size = 2 * round(noise.clipped_reach_px) + 1
-    return cv2.dilate(clipped, np.ones((size, size), np.uint8)).astype(np.float32)
+    depth_px = cv2.distanceTransform(
+        np.pad(clipped, 1), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    out, inside_px, deepest_px = np.zeros_like(clipped), 1.0, float(depth_px.max())
+    while inside_px <= deepest_px:
+        core = (depth_px >= inside_px).astype(np.uint8)
+        out |= _dilated(core, noise.clipped_reach_px + (1 + _GLARE_REACH) * inside_px)
+        inside_px *= _DEEPER
+    return np.float32(share) * out.astype(np.float32)
+
+
+def _dilated(mask: NDArray[np.uint8], by_px: float) -> NDArray[np.uint8]:
+    size = 2 * round(by_px) + 1
+    return np.asarray(cv2.dilate(mask, np.ones((size, size), np.uint8)), np.uint8)

@@ -48,9 +48,9 @@ class TemporalTerms(NamedTuple):
 
 
 def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
-                   outlines: Array, by_blur: Array, relief: Array, pixels: Array,
-                   shift_px: Array, dof: float, independent: float, floor_px: float
-                   ) -> TemporalTerms:
+                   outlines: Array, glare: Array, by_blur: Array, relief: Array, pixels: Array,
+                   shift_px: Array, dof: float, independent: float, floor_px: float,
+                   glare_floor_px: float) -> TemporalTerms:
     """
     Return the terms of :func:`temporal`, in plain numpy.
 
@@ -59,6 +59,7 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     :param jacobian: (k, 2, 3, G) derivatives of the patches by the pose, 1/m.
     :param by_relief: (k, 2, G) derivatives of the patches by the relief of each sample, 1/m.
     :param outlines: (k, 2, G) change by moving outlines, of unit length, or 0.
+    :param glare: (k, 2, G) share of each sample that lies in the glare of clipped areas.
     :param by_blur: (G,) change of the texture by blur; how much each observation is blurred,
         equally in its views, is unknown.
     :param relief: (k, G) relief that each observation was taken with, m.
@@ -67,9 +68,11 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
     :param dof: degrees of freedom of the t distribution of the residuals.
     :param independent: share of the pixels whose noise is independent.
     :param floor_px: systematic error of matching, which does not average out over samples.
+    :param glare_floor_px: the same in the glare of clipped areas.
     """
     patches, jacobian, by_relief = patches[rows], jacobian[rows], by_relief[rows]
-    outlines, relief, shift_px = outlines[rows], relief[rows], shift_px[rows]
+    outlines, glare = outlines[rows], glare[rows]
+    relief, shift_px = relief[rows], shift_px[rows]
     n, views, samples = patches.shape
     blur = by_blur - (outlines @ by_blur)[..., None] * outlines  # what outlines leave of it
     blur = blur / np.maximum(np.linalg.norm(blur, axis=(1, 2)), _LEAST_BLUR)[:, None, None]
@@ -92,8 +95,12 @@ def plain_temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_
             weights.reshape(n, -1), dof, _LEAST_VARIANCE)
         weights = both.reshape(patches.shape)
     w = (independent * pixels / samples / variance)[:, None, None] * weights
-    per_px = (w * np.square(jacobian[:, :, 1])).sum(axis=(1, 2)) / np.maximum(shift_px ** 2, 1e-9)
-    w = w / (1 + floor_px ** 2 * per_px)[:, None, None]
+    # The glare of clipped areas keeps its size in pixels while the front grows.
+    parts = [share * w for share in (1 - glare, glare)]
+    per_px = [(part * np.square(jacobian[:, :, 1])).sum(axis=(1, 2), keepdims=True)
+              / np.maximum(shift_px ** 2, 1e-9)[:, None, None] for part in parts]
+    w = sum(part / (1 + floor ** 2 * of_part) for part, of_part, floor in zip(
+        parts, per_px, (floor_px, glare_floor_px)))
     # residuals as they would be on a plane, to first order
     flat = residual.reshape(patches.shape) - by_relief * relief[:, None]
     total = w.sum(axis=(0, 1))
@@ -131,9 +138,9 @@ def _brightness(weights, texture, patch):  # type: ignore
 
 
 @kernel(_plain_temporal, '(i8[::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,::1], '
-        'f8[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8)')
-def _temporal(rows, patches, jacobian, by_relief, outlines, by_blur,  # type: ignore
-              relief, pixels, shift_px, dof, independent, floor_px):
+        'f8[:,:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8, f8, f8, f8)')
+def _temporal(rows, patches, jacobian, by_relief, outlines, glare, by_blur,  # type: ignore
+              relief, pixels, shift_px, dof, independent, floor_px, glare_floor_px):
     n, views, samples = len(rows), patches.shape[1], patches.shape[2]
     blur, moves = np.empty((n, views, samples)), np.empty((n, views, 3, samples))
     for i in range(n):
@@ -252,15 +259,21 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, by_blur,  # type: ig
         if not pixels[i] > 0:
             continue
         scale = independent * pixels[i] / samples / variance[i]
-        per_px = 0.0
+        per_px = glare_per_px = 0.0
         for v in range(views):
             for g in range(samples):
-                per_px += scale * weights[i, v, g] * moves[i, v, 1, g] ** 2
-        per_px /= max(shift_px[at] ** 2, 1e-9)
-        scale /= 1 + floor_px ** 2 * per_px
+                information = scale * weights[i, v, g] * moves[i, v, 1, g] ** 2
+                per_px += (1 - glare[at, v, g]) * information
+                glare_per_px += glare[at, v, g] * information
+        lowered = 1 / (1 + floor_px ** 2 * per_px / max(shift_px[at] ** 2, 1e-9))
+        glare_lowered = 1 / (
+            1 + glare_floor_px ** 2 * glare_per_px / max(shift_px[at] ** 2, 1e-9))
         for v in range(views):
             for g in range(samples):
-                w, d = scale * weights[i, v, g], by_relief[at, v, g]
+                share = glare[at, v, g]
+                w = scale * weights[i, v, g] * (
+                    (1 - share) * lowered + share * glare_lowered)
+                d = by_relief[at, v, g]
                 flat = residual[i, v, g] - d * relief[at, g]
                 weights[i, v, g] = w
                 residual[i, v, g] = flat
@@ -304,11 +317,13 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, by_blur,  # type: ig
 
 
 def temporal(rows: NDArray[np.int64], patches: Array, jacobian: Array, by_relief: Array,
-             outlines: Array, by_blur: Array, relief: Array, pixels: Array, shift_px: Array,
-             dof: float, independent: float, floor_px: float) -> TemporalTerms:
+             outlines: Array, glare: Array, by_blur: Array, relief: Array, pixels: Array,
+             shift_px: Array, dof: float, independent: float, floor_px: float,
+             glare_floor_px: float) -> TemporalTerms:
     """Return the agreement with the texture; arguments are those of :func:`plain_temporal`."""
-    return TemporalTerms(*_temporal(rows, patches, jacobian, by_relief, outlines, by_blur, relief,
-                                    pixels, shift_px, dof, independent, floor_px))
+    return TemporalTerms(*_temporal(
+        rows, patches, jacobian, by_relief, outlines, glare, by_blur, relief, pixels, shift_px,
+        dof, independent, floor_px, glare_floor_px))
 
 
 class CrossTerms(NamedTuple):

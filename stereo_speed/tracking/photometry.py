@@ -288,8 +288,9 @@ def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_blur: A
     :param floor_px: systematic error of matching, which does not average out over samples.
     """
     return temporal(
-        rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, by_blur,
-        table.relief, pixels, table.shift_px, noise.tail_dof, noise.independent_share, floor_px)
+        rows, table.patches, table.jacobian, table.relief_jacobian, table.outlines, table.glare,
+        by_blur, table.relief, pixels, table.shift_px, noise.tail_dof, noise.independent_share,
+        floor_px, math.hypot(noise.glare_floor_px, floor_px))
 
 
 def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_blur: Array,
@@ -308,9 +309,11 @@ def _apart_temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_b
         np.stack([2 * rows, 2 * rows + 1], axis=-1).ravel(),
         table.patches.reshape(2 * k, 1, samples), table.jacobian.reshape(2 * k, 1, 3, samples),
         table.relief_jacobian.reshape(2 * k, 1, samples),
-        table.outlines.reshape(2 * k, 1, samples), by_blur, np.repeat(table.relief, 2, axis=0),
-        np.repeat(pixels, 2), np.repeat(table.shift_px, 2), noise.tail_dof,
-        noise.independent_share, math.sqrt(2) * floor_px)  # the mean of two views has floor_px
+        table.outlines.reshape(2 * k, 1, samples), table.glare.reshape(2 * k, 1, samples), by_blur,
+        np.repeat(table.relief, 2, axis=0), np.repeat(pixels, 2), np.repeat(table.shift_px, 2),
+        noise.tail_dof, noise.independent_share,
+        # the mean of two views has floor_px
+        math.sqrt(2) * floor_px, math.sqrt(2) * math.hypot(noise.glare_floor_px, floor_px))
     n = len(rows)
     to_views = np.zeros((n, 2, 3, 6))  # derivatives of the poses of both views by the unknowns
     to_views[:, :, :, :3] = np.eye(3)

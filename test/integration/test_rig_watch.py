@@ -12,11 +12,11 @@ pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from scipy.spatial.transform import Rotation  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
-import yaml  # noqa: E402
 
 from stereo_speed.cli.demo import (  # noqa: E402
     EVERY_PAIR, Process, RELIABLE_IMAGES, RELIABLE_INFOS)
 from stereo_speed.core.units import MPH_MPS  # noqa: E402
+import yaml  # noqa: E402
 
 STARTUP_S, LOOK_S = 60.0, 480.0  # a look gives way to whatever else the machine does
 TURNED_DEG, TRUE_MPH = 0.05, 55.0  # 6 % of the speed
@@ -40,7 +40,7 @@ def turned(topic, _, msg):
 
 
 def of_two_lines(sample, path):
-    """Write the site of the sample with one lane, and return its path: a look is ten times as fast."""
+    """Write the site with one lane of the sample, which is checked ten times as fast."""
     site = yaml.safe_load((sample / 'site.yaml').read_text())
     del site['lines']['edge_left'], site['lanes'][1]
     path.write_text(yaml.safe_dump(site))
@@ -64,7 +64,8 @@ def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite,
     states, passes = heard_of(stand_in), []
     stand_in.create_subscription(
         String, 'passes', lambda m: passes.append(json.loads(m.data)), LATCHED)
-    bag, site = rewrite(tmp_path / 'bag', turned, 1000), of_two_lines(sample, tmp_path / 'one.yaml')
+    bag = rewrite(tmp_path / 'bag', turned, 1000)
+    site = of_two_lines(sample, tmp_path / 'one.yaml')
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={site}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):

@@ -236,6 +236,20 @@ def _blurred(passing: Scenario) -> Scenario:
         for pair in passing.pairs[:4]))
 
 
+def _glare(passing: Scenario) -> Scenario:
+    """Put a strong lamp before the front, whose light spreads in the lens."""
+    pairs = []
+    for pair, quad in zip(passing.pairs[:4], quads(passing)):
+        views = []
+        for image, (u, v) in zip((pair.left, pair.right), (q.mean(axis=0) for q in quad)):
+            at_v, at_u = np.indices(image.shape)
+            lamp = 1500.0 * (np.hypot(at_u - u, at_v - v) < 3)
+            spread = lamp + 3 * cv2.GaussianBlur(lamp, (0, 0), 8.0)
+            views.append(np.clip(image + spread, 0, 255).astype(np.uint8))
+        pairs.append(replace(pair, left=views[0], right=views[1]))
+    return replace(passing, pairs=tuple(pairs))
+
+
 def _twice(passing: Scenario) -> Scenario:
     return replace(passing, pairs=passing.pairs[:3], fronts=passing.fronts * 2)
 
@@ -392,7 +406,8 @@ def _near(ahead_m: float, left_m: float, make: Callable[[Scenario], Scenario] = 
 
 MAKERS: dict[str, Callable[[Scenario], Scenario]] = {
     'start': _first(1), 'short': _first(4), 'passing': _first(5), 'longer': _first(6),
-    'occluded': _occluded, 'lost': _lost, 'late': _late, 'blurred': _blurred, 'twice': _twice,
+    'occluded': _occluded, 'lost': _lost, 'late': _late, 'blurred': _blurred,
+    'glare': _glare, 'twice': _twice,
     'short path': _short_path, 'crossing': _crossing,
     'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
     'detected again': _scripted(24.6, (0, 1), again=True),
@@ -481,6 +496,7 @@ CASES: dict[str, Case] = {
     'noise.narrow_m': Case('short', 4.0),
     'noise.narrow_relief_std_m': Case('short', 0.1, {'noise.narrow_m': 4.0}),
     'noise.narrow_texture_floor_px': Case('short', 0.2, {'noise.narrow_m': 4.0}),
+    'noise.glare_level': Case('glare', 10.0), 'noise.glare_floor_px': Case('glare', 0.0),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),
     'noise.blur_doubt': Case('blurred', 0.0),

@@ -30,7 +30,7 @@ def agree(one, *args, rtol=1e-9, atol=1e-11):
 
 @pytest.fixture(scope='module')
 def observations():
-    """Return patches of one texture: with outliers, one with outlines, and one not counted."""
+    """Return patches of a texture: outliers, outlines, glare in two, and one not counted."""
     texture = RNG.standard_normal(G)
     patches = texture + 0.2 * RNG.standard_normal((N, 2, G))
     patches[2, :, :9] += 4.0
@@ -39,30 +39,34 @@ def observations():
     outlines = np.zeros((N, 2, G))
     outlines[3] = RNG.standard_normal((2, G))
     outlines[3] /= np.linalg.norm(outlines[3], axis=1, keepdims=True)
+    glare = np.zeros((N, 2, G))
+    glare[3], glare[4, 0, :20] = RNG.uniform(0, 1, (2, G)), 1.0
     pixels = RNG.uniform(30, G, N)
     pixels[5] = 0.0
     return (patches, RNG.standard_normal((N, 2, 3, G)), RNG.standard_normal((N, 2, G)), outlines,
-            RNG.standard_normal(G), 0.02 * RNG.standard_normal((N, G)), pixels)
+            glare, RNG.standard_normal(G), 0.02 * RNG.standard_normal((N, G)), pixels)
 
 
 def test_temporal_terms(observations):
     rows = np.array([3, 0, 1, 6, 2, 5, 4])
-    agree(photometric_terms._temporal, rows, *observations, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
-    agree(photometric_terms._temporal, rows[:4], *observations[:6], observations[6][:4],
-          RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+    agree(photometric_terms._temporal, rows, *observations, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02,
+          0.5)
+    agree(photometric_terms._temporal, rows[:4], *observations[:7], observations[7][:4],
+          RNG.uniform(5, 20, N), 3.0, 0.3, 0.02, 0.5)
 
 
 def test_temporal_terms_of_one_view(observations):
     """As for views that are exposed at different times."""
-    patches, jacobian, by_relief, outlines, by_blur, relief, pixels = observations
+    patches, jacobian, by_relief, outlines, glare, by_blur, relief, pixels = observations
     agree(photometric_terms._temporal, np.array([3, 0, 1, 6, 2, 5, 4]), patches[:, :1].copy(),
-          jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(), by_blur,
-          relief, pixels, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02)
+          jacobian[:, :1].copy(), by_relief[:, :1].copy(), outlines[:, :1].copy(),
+          glare[:, :1].copy(), by_blur, relief, pixels, RNG.uniform(5, 20, N), 3.0, 0.3, 0.02,
+          0.5)
 
 
 @pytest.mark.parametrize('outlined', ['none', 'both', 'left', 'alike'])
 def test_cross_terms(observations, outlined):
-    patches, jacobian, by_relief, outlines, _, relief, _ = observations
+    patches, jacobian, by_relief, outlines, _, _, relief, _ = observations
     lines = outlines[0 if outlined == 'none' else 3].copy()
     if outlined == 'left':
         lines[1] = 0

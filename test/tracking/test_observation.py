@@ -8,8 +8,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from stereo_speed.core.tracker_config import NoiseConfig
 from stereo_speed.tracking.front import Front
-from stereo_speed.tracking.observation import ObservationSampler
+from stereo_speed.tracking.observation import _glare, ObservationSampler
 from stereo_speed.tracking.observation_kernels import normalised_change
 from stereo_speed.vision.haar import PartGrid
 
@@ -18,9 +19,9 @@ POSE = np.array([20.0, 0.1, 1.9])  # 40 m away
 STILL = np.zeros(3)
 
 
-def sampler_of(textured):
+def sampler_of(textured, noise=NoiseConfig()):
     front = Front(textured.path, textured.corners_m)
-    return ObservationSampler(textured.rig, front, GRID.unit_xy, GRID.shape)
+    return ObservationSampler(textured.rig, front, GRID.unit_xy, GRID.shape, noise)
 
 
 @pytest.fixture(scope='module')
@@ -162,14 +163,19 @@ def test_normalised_change_is_orthogonal_to_constant_and_patch():
             got[axis], ((values - values.mean()) / values.std() - patch) / step, atol=1e-4)
 
 
-def with_lamp(clear, radius_px):
-    """Return the pair in 8 bits, with a clipped lamp before the front's centre."""
+def with_lamp(clear, radius_px, spread=0.0, spread_px=16.0):
+    """
+    Return the pair in 8 bits, with a clipped lamp before the front's centre.
+
+    :param spread: share of its light that spreads in the lens, by a Gaussian of ``spread_px``.
+    """
     pair, centres = clear.pair(0, 0, POSE), [q.mean(axis=0) for q in clear.quads(POSE)]
     views = []
     for image, (u, v) in zip((pair.left, pair.right), centres):
         at_u, at_v = np.meshgrid(np.arange(320) - u, np.arange(240) - v)
         lamp = cv2.GaussianBlur(
             2000.0 * np.clip(radius_px + 0.5 - np.hypot(at_u, at_v), 0, 1), (0, 0), 1.0)
+        lamp += spread * cv2.GaussianBlur(lamp, (0, 0), spread_px)
         views.append(np.clip(image / 16.0 + lamp, 0, 255).astype(np.uint8))
     return replace(pair, left=views[0], right=views[1])
 
@@ -187,6 +193,40 @@ def test_outline_is_the_change_caused_by_a_spreading_clipped_lamp(clear):
         np.testing.assert_allclose(small.jacobian[view] @ outline, 0.0, atol=1e-6)
         rest = change - (change @ outline) * outline
         assert np.linalg.norm(rest) < 0.7 * np.linalg.norm(change)
+
+
+def test_glare_is_what_is_bright_around_a_lamp_on_all_sides(clear):
+    """Not a lamp that is sharp, nor one before something light."""
+    sampler, pose = sampler_of(clear), POSE
+    assert not observe(sampler, clear.pair(0, 0, pose)).glare.any()
+    assert not observe(sampler, with_lamp(clear, 3.0)).glare.any()
+    glare = observe(sampler, with_lamp(clear, 3.0, 6.0)).glare
+    assert glare.max() > 0.8
+    rows, columns = sampler.grid_shape
+    middle = glare[0].reshape(rows, columns)[rows // 2]
+    assert middle[columns // 2] == pytest.approx(glare[0].max())
+    wider = observe(sampler, with_lamp(clear, 5.0, 6.0)).glare
+    assert wider.sum() > glare.sum()
+    none = sampler_of(clear, NoiseConfig(glare_level=10.0))
+    assert not observe(none, with_lamp(clear, 3.0, 6.0)).glare.any()
+
+
+@pytest.mark.parametrize(('around', 'wanted'), [
+    (0.2, 0.0), (0.34, 0.0), (0.45, 0.5), (0.5, 0.75), (0.9, 1.0)])
+def test_share_of_glare_by_hand(around, wanted):
+    """A square lamp of 11 px is 6 px deep: its glare reaches 3 + 2 times that beyond it."""
+    crop = np.full((61, 61), around * 255, np.float32)
+    crop[:, 50:] = 0.0  # something dark far from it
+    crop[25:36, 25:36] = 255
+    glare = _glare(crop, (crop == 255).astype(np.uint8), 255, NoiseConfig())
+    if not wanted:
+        assert glare is None
+        return
+    assert set(np.unique(glare)) == {np.float32(0.0), glare.max()}
+    assert glare.max() == pytest.approx(wanted, abs=0.01)
+    columns = np.flatnonzero(glare[30])
+    reach = 25 - columns[0]
+    assert 11 <= reach <= 15 and columns[-1] - 35 == reach
 
 
 @pytest.mark.parametrize('bits', [10, 12, 16])

@@ -11,6 +11,7 @@ from stereo_speed.core.tracker_config import NoiseConfig, VisibilityConfig
 from stereo_speed.tracking.motion_prior import rates_by_offsets
 from stereo_speed.tracking.observation import Observation
 from stereo_speed.tracking.observation_kernels import normalised_change
+from stereo_speed.tracking.photometric_terms import temporal
 from stereo_speed.tracking.photometry import (
     PassPhotometry, Photometry, scatters_px, views_agree)
 from stereo_speed.tracking.relief import relief_basis
@@ -51,6 +52,7 @@ def linear_observations(rng, count, relief, texture_noise=0.0, lag_s=0.0, gone=N
         observations.append(Observation(
             pose=np.zeros(3), heading_rad=0.0, relief=FLAT, patches=values, jacobian=change,
             relief_jacobian=raw[:, 0], outlines=np.zeros((2, samples)),
+            glare=np.zeros((2, samples)),
             by_blur=np.zeros((2, samples)),
             apart_jacobian=change[0] - change[1], apart_relief=raw[0, 0] - raw[1, 0],
             pixels=float(samples),
@@ -91,6 +93,58 @@ def like_blur(rng, observations, lengths):
         patches=o.patches - np.einsum('c,vcg->vg', pose, J - o.jacobian)
         + length[:, None] * change)
         for (o, pose), J, length in zip(observations, moves, lengths)]
+
+
+def in_glare(observations, poses, rng, growth):
+    """
+    Return observations half of whose samples lie in glare, which changes by itself.
+
+    :param growth: by how much it changes from one observation to the next, of what a pose does.
+    """
+    inside = np.arange(len(BASIS)) % 2
+    size = 1e-5 * growth * np.arange(len(poses))
+    return [replace(o, glare=np.tile(inside * 1.0, (2, 1)),
+                    patches=o.patches - k * inside * o.jacobian[:, 1]
+                    + 1e-9 * rng.normal(size=o.patches.shape))
+            for o, k in zip(observations, size)]
+
+
+@pytest.mark.parametrize('apart', [False, True])
+def test_glare_that_grows_by_itself_does_not_displace_a_front(apart):
+    rng = np.random.default_rng(4)
+    observations, poses = linear_observations(rng, 5, FLAT, lag_s=0.5 if apart else 0.0)
+    seen = in_glare(observations, poses, rng, 0.3)
+    off = []
+    for floor_px in (0.0, 1.0):
+        found = photometry(glare_floor_px=floor_px, tail_dof=1e6, texture_floor_px=1e-6)(
+            seen, rates_per_s=np.zeros((5, 5)) if apart else None)
+        poses_found = np.linalg.lstsq(found.H, found.right, rcond=1e-7)[0][:15].reshape(5, 3)
+        error = poses_found[:, 1] - poses[:, 1]
+        off.append(np.ptp(error - error.mean()))
+    assert off[1] < 0.2 * off[0]
+
+
+def test_information_in_glare_is_limited_by_its_own_floor():
+    """By hand: parts in and out of glare are each limited by their floor, then they add."""
+    rng = np.random.default_rng(4)
+    observations, _ = linear_observations(rng, 2, FLAT, 0.02)
+    half = np.tile(np.arange(len(BASIS)) % 2 * 1.0, (2, 1))
+
+    def blocks(glare, floor_px, glare_floor_px):
+        patches, jacobian, by_relief, outlines = (
+            np.stack([getattr(o, name) for o in observations])
+            for name in ('patches', 'jacobian', 'relief_jacobian', 'outlines'))
+        samples = len(BASIS)
+        return temporal(np.arange(2), patches, jacobian, by_relief, outlines,
+                        np.stack([glare] * 2), np.zeros(samples), np.zeros((2, samples)),
+                        np.full(2, float(samples)), np.ones(2), 3.0, 0.3, floor_px,
+                        glare_floor_px).blocks[:, 1, 1]
+    free_out, free_in = (blocks(half, *floors) for floors in ((0.0, 1e6), (1e6, 0.0)))
+    np.testing.assert_allclose(blocks(half, 0.0, 0.0), free_out + free_in, rtol=1e-6)
+    np.testing.assert_allclose(
+        blocks(half, 0.02, 0.5), free_out / (1 + 0.02**2 * free_out)
+        + free_in / (1 + 0.5**2 * free_in), rtol=1e-6)
+    np.testing.assert_array_equal(blocks(0 * half, 0.02, 0.5), blocks(0 * half, 0.02, 9.0))
 
 
 @pytest.mark.parametrize('apart', [False, True])

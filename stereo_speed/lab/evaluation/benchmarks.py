@@ -289,9 +289,9 @@ def _arguments() -> dict[str, tuple[Any, ...]]:
         photometric_terms, observation_kernels, patch_kernels))
     return {
         f'{terms}._temporal': (np.arange(n), patches, jacobian, by_relief, outlines,
-                               rng.standard_normal(samples), relief,
+                               np.zeros_like(outlines), rng.standard_normal(samples), relief,
                                rng.uniform(100, samples, n), rng.uniform(5, 20, n), 3.0, 0.3,
-                               0.02),
+                               0.02, 1.0),
         f'{terms}._cross': (patches[0], jacobian[0, 0], by_relief[0, 0], outlines[0], relief[0],
                             400.0, 3.0, 0.3),
         f'{seen}.views': (crop, none, crop, none, np.zeros((2, 2)), np.array([[u, v], [u, v]]),

@@ -19,9 +19,9 @@ class RefineConfig(CheckedRecord):
         0.5, 0.05, 0.95, '', 'share of the usual contrast below which a cross-section shows no '
         'marking but a gap or an occlusion')
     steady_share: float = parameter(
-        0.1, 0.001, 100.0, '', 'largest change of light over time in a cross-section that may show '
-        'a kerb or a dark band, as a share of the grey level and apart from exposure; sweeping '
-        'headlamps change it by more, and only light bands count there')
+        0.1, 0.001, 100.0, '', 'largest change of light over time in a cross-section that may '
+        'show a kerb or a dark band, as a share of the grey level and apart from exposure; '
+        'sweeping headlamps change it by more, and only light bands count there')
     clicked_sigmas: float = parameter(
         3.0, 1.0, 100.0, '', 'largest distance of clicks outside the marking found for them, in '
         'sigmas of clicks combined with the distances of the other lines; beyond it the marking '

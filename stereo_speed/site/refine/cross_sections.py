@@ -115,7 +115,8 @@ class LineView:
         # A bad road may lead close to the camera, where a metre may span a million pixels.
         visible = ((uv > -size) & (uv < 2 * size)).all(axis=-1)
         if not visible.any():
-            return CrossSections(*np.zeros((3, 0)), np.zeros(0, dtype=bool))
+            none = np.zeros(0)
+            return CrossSections(none, none, none, none.astype(bool))
         s, arc = s[visible], chord_lengths(uv[visible])
         arcs = np.linspace(0, arc[-1], max(int(arc[-1] / SPACING_PX), 2))
         at, zeros = np.interp(arcs, arc, s), np.zeros(len(arcs))
