@@ -24,7 +24,7 @@ from ..io.camera_info import camera_from_info, rig_from_info, same_calibration
 _REPEATED = 3
 _UNCONTRADICTED_S = 1.0
 _PATIENCE_S = 5.0  # time to wait for the first calibrations
-_IN_TURN_S = 5.0  # time within which so many contradictions are no single faulty message
+_IN_TURN, _IN_TURN_S = 5, 10.0  # changes within a time; a faulty message makes two of them
 
 
 @dataclass
@@ -53,7 +53,8 @@ class CalibrationWatch:
         self._known: dict[str, Any] = {}
         self._others: dict[str, _Candidate] = {}
         self._fault = ''
-        self._contradicted_s: deque[float] = deque(maxlen=_REPEATED)  # times of the last ones
+        self._newest: dict[str, Any] = {}
+        self._changed_s: dict[str, deque[float]] = {}  # times of the last changes, by side
 
     @property
     def doubtful(self) -> bool:
@@ -73,13 +74,13 @@ class CalibrationWatch:
         except CalibrationError as error:
             self._refusals.add(topic, error)
             return
+        self._note_change(side, msg)
         known, other = self._known.get(side), self._others.get(side)
         if known is None:
             self._known[side] = msg
             self._make()
         elif same_calibration(known, msg):
-            if self._others.pop(side, None) is not None:
-                self._contradicted_s.append(self._clock())
+            self._others.pop(side, None)
         elif other is not None and same_calibration(other.msg, msg):
             other.count += 1
         else:
@@ -88,6 +89,12 @@ class CalibrationWatch:
                 topic, 'calibration', 'a different one', 'the one in use; nothing is measured '
                 'until one of the two is confirmed'))
         self.settle()
+
+    def _note_change(self, side: str, msg: Any) -> None:
+        """Note when a message of a side differs from the one before it."""
+        before, self._newest[side] = self._newest.get(side, msg), msg
+        if not same_calibration(before, msg):
+            self._changed_s.setdefault(side, deque(maxlen=_IN_TURN)).append(self._clock())
 
     def settle(self) -> None:
         """Accept other calibrations once all of them are confirmed, both sides at once."""
@@ -121,12 +128,14 @@ class CalibrationWatch:
             late = self._clock() - self._begun_s > _PATIENCE_S
             state.find(ERROR if late else WARN, f'waiting for {missing}')
         elif self._in_turn():
-            state.find(ERROR, 'two calibrations arrive in turn: pairs between them are withheld')
-        elif self.doubtful:  # for about a second at most
+            state.find(ERROR, 'different calibrations arrive in turn: pairs are withheld between '
+                       'them')
+        elif self.doubtful:  # for about a second, unless they go on to change
             state.find(WARN, 'a different calibration has arrived: nothing is measured until it '
                        'is confirmed')
 
     def _in_turn(self) -> bool:
-        """Return whether a side gets two calibrations, as from two drivers."""
-        times_s = self._contradicted_s
-        return len(times_s) == _REPEATED and self._clock() - times_s[0] < _IN_TURN_S
+        """Return whether a side gets several calibrations, as from two drivers."""
+        now_s = self._clock()
+        return any(len(times_s) == _IN_TURN and now_s - times_s[0] < _IN_TURN_S
+                   for times_s in self._changed_s.values())

@@ -38,6 +38,7 @@ _BORDER_PX = 3  # border around the samples that the low-pass and the splines ne
 _NOTHING: Patches = np.zeros((0, 0), np.float32)  # mask of an image without clipped pixels
 # Glare.  The darkest quarter of the places around lamps tells it from what is light by itself.
 _RING_PX, _DARK_QUARTER = 1.5, 0.25
+_SPOT_PX = 3  # least width and height of a lamp; smaller highlights do not light what is around
 _LEVEL_RANGE = 0.2  # range of levels, of full scale, over which surroundings become glare
 _GLARE_REACH = 2.0  # its width beyond the reach, in half widths of the clipped area
 _DEEPER = math.sqrt(2)  # factor from one to the next distance from the edge of a clipped area
@@ -114,15 +115,16 @@ class _Crop(NamedTuple):
     smooth: Patches
     near: Patches
     glare: Patches
-    origin: Patches
+    origin: NDArray[np.float32]
 
     def glare_at(self, at: Array) -> Array:
         """Return the share of glare (G,) at columns and rows (2, G) of the image."""
         if not self.glare.size:
             return np.zeros(at.shape[1])
         u, v = (at - self.origin[:, None]).astype(np.float32)
-        return cv2.remap(self.glare, u[:, None], v[:, None], cv2.INTER_LINEAR,
-                         borderMode=cv2.BORDER_REPLICATE)[:, 0].astype(np.float64)
+        share = cv2.remap(self.glare, u[:, None], v[:, None], cv2.INTER_LINEAR,
+                          borderMode=cv2.BORDER_REPLICATE)[:, 0]
+        return np.clip(share.astype(np.float64), 0.0, 1.0)
 
 
 class ObservationSampler:
@@ -276,21 +278,25 @@ def _glare(crop: Patches, clipped: NDArray[np.uint8], white: int, noise: NoiseCo
     Return the share of each pixel that lies in the glare of clipped areas; None if there is none.
 
     Of strong lamps so much light spreads in a lens, or in rain on it, that the surroundings are
-    bright on all sides, the farther out the larger the clipped area.
+    bright on all sides, the farther out the larger the clipped area. Spots do not count.
 
     :param clipped: (h, w) mask of clipped pixels.
     """
-    off_px = cv2.distanceTransform(1 - clipped, cv2.DIST_L2, cv2.DIST_MASK_5)
-    beyond_px = off_px - noise.clipped_reach_px
+    spot = np.ones((_SPOT_PX, _SPOT_PX), np.uint8)
+    lamps = cv2.morphologyEx(clipped, cv2.MORPH_OPEN, spot)
+    if not lamps.any():
+        return None
+    beyond_px = cv2.distanceTransform(1 - lamps, cv2.DIST_L2, cv2.DIST_MASK_5) \
+        - noise.clipped_reach_px
     around = crop[(beyond_px > 0) & (beyond_px <= _RING_PX)]
     level = float(np.quantile(around, _DARK_QUARTER)) / white if around.size else 1.0
     share = min(max((level - noise.glare_level) / _LEVEL_RANGE + 0.5, 0.0), 1.0)
     if not share:
         return None
     depth_px = cv2.distanceTransform(
-        np.pad(clipped, 1), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    out, inside_px, deepest_px = np.zeros_like(clipped), 1.0, float(depth_px.max())
-    while inside_px <= deepest_px:
+        np.pad(lamps, 1), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    out, inside_px, deepest_px = np.zeros_like(lamps), 1.0, float(depth_px.max())
+    while inside_px <= deepest_px and not out.all():
         core = (depth_px >= inside_px).astype(np.uint8)
         out |= _dilated(core, noise.clipped_reach_px + (1 + _GLARE_REACH) * inside_px)
         inside_px *= _DEEPER

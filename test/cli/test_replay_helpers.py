@@ -87,7 +87,7 @@ def test_files_do_not_depend_on_helpers_or_their_death(sample, tmp_path, monkeyp
     capfd.readouterr()
     helped, ended = written('helped', both)
     # One that does not end within two seconds on a busy machine is killed in the end, too.
-    assert helped == alone and len(ended) == 1
+    assert helped == alone and ended in ([0], [-signal.SIGKILL])
     assert ' process: ' not in capfd.readouterr().err
     assert written('killed', both, Dying, DyingBeforePasses) == (alone, [-signal.SIGKILL] * 2)
     said = capfd.readouterr().err

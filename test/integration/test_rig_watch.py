@@ -39,7 +39,7 @@ def turned(topic, _, msg):
     return msg
 
 
-def of_two_lines(sample, path):
+def of_one_lane(sample, path):
     """Write the site with one lane of the sample, which is checked ten times as fast."""
     site = yaml.safe_load((sample / 'site.yaml').read_text())
     del site['lines']['edge_left'], site['lanes'][1]
@@ -65,7 +65,7 @@ def test_rotated_camera_is_noticed_and_then_corrected(stand_in, sample, rewrite,
     stand_in.create_subscription(
         String, 'passes', lambda m: passes.append(json.loads(m.data)), LATCHED)
     bag = rewrite(tmp_path / 'bag', turned, 1000)
-    site = of_two_lines(sample, tmp_path / 'one.yaml')
+    site = of_one_lane(sample, tmp_path / 'one.yaml')
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
                  f'site:={site}', 'rig_check_interval_s:=3600',
                  'rig_check_pairs:=8', 'rig_check_spread_s:=0.0'):

@@ -105,19 +105,34 @@ def test_known_calibration_ends_the_doubt(watch):
     assert not watch.doubtful and watch.current[0] == 1
 
 
-def test_two_calibrations_in_turn_are_an_error_and_a_single_other_one_is_not(watch, clock):
-    """As of two drivers that publish on one topic, at any phase of ``/diagnostics``."""
+@pytest.mark.parametrize(('order', 'every_s'), [
+    ((1515.0, 1500.0), 0.1), ((1515.0, 1515.0, 1515.0, 1500.0, 1500.0, 1500.0), 0.05),
+    ((1515.0, 1500.0), 1.25), ((1515.0, 1530.0), 0.1),
+    (tuple(1500.0 + k for k in range(1, 60)), 0.1)])
+def test_calibrations_that_change_again_and_again_are_an_error(watch, clock, order, every_s):
+    """As of two drivers on one topic, with the known one among them or not; seen at any moment."""
     both(watch)
     levels = []
-    for _ in range(6):
-        for f_px in (1515.0, 1500.0):
-            both(watch, f_px)
-            levels.append(level(watch))
-            clock.s += 0.1
-    assert levels[:2] == [WARN, OK] and set(levels[4:]) == {ERROR}
-    assert watch.current[0] == 1
-    clock.s += 6.0
+    while clock.s < 20.0:
+        both(watch, order[len(levels) % len(order)])
+        clock.s += every_s
+        watch.settle()
+        levels.append(level(watch))
+    assert levels[0] == WARN or every_s > 1.0
+    assert set(levels[len(levels) // 2:]) == {ERROR}
+    clock.s += 11.0
+    watch.settle()
     assert level(watch) == OK
+
+
+def test_two_faulty_messages_of_both_sides_are_no_error(watch, clock):
+    both(watch)
+    for _ in range(2):
+        both(watch, 1515.0)
+        assert level(watch) == WARN
+        both(watch)
+        clock.s += 2.0
+        assert level(watch) == OK
 
 
 def test_rig_is_valid_from_its_calibration_to_the_next_doubt(watch):

@@ -196,7 +196,7 @@ def test_outline_is_the_change_caused_by_a_spreading_clipped_lamp(clear):
 
 
 def test_glare_is_what_is_bright_around_a_lamp_on_all_sides(clear):
-    """Not a lamp that is sharp, nor one before something light."""
+    """Not what surrounds a lamp that is sharp."""
     sampler, pose = sampler_of(clear), POSE
     assert not observe(sampler, clear.pair(0, 0, pose)).glare.any()
     assert not observe(sampler, with_lamp(clear, 3.0)).glare.any()
@@ -227,6 +227,23 @@ def test_share_of_glare_by_hand(around, wanted):
     columns = np.flatnonzero(glare[30])
     reach = 25 - columns[0]
     assert 11 <= reach <= 15 and columns[-1] - 35 == reach
+
+
+def test_a_lamp_with_something_dark_on_one_side_has_no_glare():
+    """Light that spreads in the lens is on all sides; so three quarters must be bright."""
+    crop = np.full((61, 61), 230, np.float32)
+    crop[25:36, 25:36] = 255
+    clipped = (crop == 255).astype(np.uint8)
+    assert _glare(crop, clipped, 255, NoiseConfig()) is not None
+    crop[:, :28] = np.where(clipped[:, :28], 255, 40)
+    assert _glare(crop, clipped, 255, NoiseConfig()) is None
+
+
+def test_spots_have_no_glare():
+    """Of sun on pale paint."""
+    crop = np.full((40, 40), 200, np.float32)
+    crop[10:12, 10:14] = crop[30, 30] = 255
+    assert _glare(crop, (crop == 255).astype(np.uint8), 255, NoiseConfig()) is None
 
 
 @pytest.mark.parametrize('bits', [10, 12, 16])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .empty_road import Background, LEAST_NOISE_GREY, LIGHT_STEP_PX
+from .empty_road import Background, LIGHT_STEP_PX
 from ...core.records import Array
 from ...road.fitted import RoadFit
 from ...road.occlusion import hidden
@@ -26,6 +26,8 @@ _OCCLUSION_SAMPLES = 160  # places along a line at which its occlusion by the ro
 _STEP_M = 0.02  # step for finite differences along and across the line
 _BESIDE_M = np.linspace(-0.3, 0.3, 13)  # places across the line where the light must be steady
 _STEADY_SHARE = 0.75  # least share of these places with steady light
+_FEWEST_STEADY = 8  # cross-sections in steady light that tell how bright a line usually is
+_LEAST_LIGHT_GREY = 20.0  # brightness at which the contrast of paint is well above the noise
 _MIN_SINE = 0.12  # least sine of the angle between the line and a cross-section in the image
 
 
@@ -85,17 +87,17 @@ class LineView:
         """
         Return the grey levels (n, k) along cross-sections, NaN outside the image.
 
-        Those that lamps sweep are made as bright as the others, so as not to outweigh them.
+        Those that lamps sweep are no brighter than the others, so as not to outweigh them.
 
         :param across_m: (n, k) distances from the line along each cross-section, m.
         """
         grey = self.view.spline(self.seen(sections.s_m, across_m))
         swept = sections.swept
-        if swept.any() and not swept.all():
+        if swept.any() and np.count_nonzero(~swept) >= _FEWEST_STEADY:
             known = np.isfinite(grey)
             light = np.where(known, grey, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-            grey[swept] *= (np.median(light[~swept])
-                            / np.maximum(light[swept], LEAST_NOISE_GREY))[:, None]
+            usual = max(float(np.median(light[~swept])), _LEAST_LIGHT_GREY)
+            grey[swept] *= (usual / np.maximum(light[swept], usual))[:, None]
         return grey
 
     def sections(self, ends_px: Array, steady_share: float = np.inf) -> CrossSections:

@@ -123,17 +123,19 @@ class _Candidates(NamedTuple):
 
     :param bands: best light and best dark band.
     :param edges: edge that is lighter on its left, and on its right.
+    :param edge_grey: usual contrast of the best edge, be it one of light, grey levels.
     :param least: least usual contrast of a line that is there, grey levels.
     """
 
     bands: Sequence[_Candidate]
     edges: Sequence[_Candidate]
+    edge_grey: float
     least: float
 
     def is_seen(self, one: _Candidate) -> bool:
         """Return whether the contrast of a candidate is that of a line."""
         return one.usual >= (self.least if one.shape.kind == EDGE else max(
-            self.least, BAND_SHARE * _highest(self.edges).usual))
+            self.least, BAND_SHARE * self.edge_grey))
 
     @property
     def best(self) -> Optional[_Candidate]:
@@ -170,10 +172,10 @@ def locate(view: LineView, ends_px: Array, shape: Optional[Shape] = None,
     :param config: parameters of search and measurement.
     :return: None if no marking runs along the rough line.
     """
-    if shape is None:
-        found = _search(view, view.sections(ends_px, config.steady_share), config).best
-        return None if found is None else _measured(view, *found.rough, config)
     sections = view.sections(ends_px, config.steady_share)
+    if shape is None:
+        found = _search(view, sections, config).best
+        return None if found is None else _measured(view, *found.rough, config)
     sections = sections.take(_trusted(shape, sections))
     if len(sections.s_m) < 2 * LEAST_SECTIONS:
         return None
@@ -260,12 +262,19 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig) -> _C
     x = half[:, None] * np.linspace(-1, 1, samples)
     grey = view.read(sections, x)
     within = np.abs(x) <= np.minimum(config.search_px / scale, half)[:, None]
-    edges, *bands = (
-        [_follow(x, np.where(within, contrast, -np.inf), sections,
-                 Shape(BAND if width else EDGE, width, _START_BLUR_PX, sign), config)
-         for contrast, sign in zip(detect(x, grey, scale, width), (1, -1))]
-        for width in (0.0, *WIDTHS_M))
-    return _Candidates([_highest(of_sign) for of_sign in zip(*bands)], edges,
+
+    def follow(width_m: float, everywhere: bool = False) -> list[_Candidate]:
+        out = []
+        for contrast, sign in zip(detect(x, grey, scale, width_m), (1, -1)):
+            shape = Shape(BAND if width_m else EDGE, width_m, _START_BLUR_PX, sign)
+            where = np.ones(len(x), dtype=bool) if everywhere else _trusted(shape, sections)
+            out.append(_follow(x[where], np.where(within, contrast, -np.inf)[where],
+                               sections.take(where), shape, config))
+        return out
+
+    bands = [follow(width_m) for width_m in WIDTHS_M]
+    return _Candidates([_highest(of_sign) for of_sign in zip(*bands)], follow(0.0),
+                       _highest(follow(0.0, everywhere=True)).usual,
                        least_contrast_grey(view.noise_grey))
 
 
@@ -301,8 +310,6 @@ def _follow(x: Array, contrast: Array, sections: CrossSections, shape: Shape,
     :param x: (n, k) places on the cross-sections, m.
     :param contrast: (n, k) contrasts there; -inf outside the search range.
     """
-    trusted = _trusted(shape, sections)
-    x, contrast, sections = x[trusted], contrast[trusted], sections.take(trusted)
     if len(x) < 2 * LEAST_SECTIONS:
         return _Candidate(-1.0, sections, shape, np.zeros(len(x)), np.zeros(len(x)), 0.0)
     best = np.argmax(contrast, axis=1)

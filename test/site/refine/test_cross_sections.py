@@ -83,7 +83,7 @@ def test_cross_sections_can_be_selected(drawn, view):
     np.testing.assert_array_equal(taken.swept, sections.swept[some])
 
 
-def test_places_that_lamps_sweep_are_read_as_bright_as_the_rest(drawn, view):
+def test_places_that_lamps_sweep_are_read_no_brighter_than_the_rest(drawn, view):
     """Below a row of the image it is five times brighter, and the light changes by 30 %."""
     image = np.full((360, 640), 50, np.float32)
     change = np.zeros((360 // LIGHT_STEP_PX, 640 // LIGHT_STEP_PX), np.float32)
@@ -97,3 +97,8 @@ def test_places_that_lamps_sweep_are_read_as_bright_as_the_rest(drawn, view):
     np.testing.assert_allclose(grey[(v < 190) | sections.swept], 50.0, rtol=3e-3)
     alone = sections.take(sections.swept)
     np.testing.assert_allclose(line.read(alone, np.zeros((len(alone.s_m), 3))), 250.0, rtol=3e-3)
+    # neither a few places in steady light, nor dark ones, tell how bright the line is
+    few = sections.take(sections.swept | (np.cumsum(~sections.swept) < 4))
+    assert line.read(few, np.zeros((len(few.s_m), 3))).max() > 240
+    dark = replace(line, view=replace(line.view, image=np.where(image == 50, 2, image)))
+    assert dark.read(sections, np.zeros((len(v), 3)))[sections.swept].min() > 19

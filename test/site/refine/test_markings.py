@@ -80,6 +80,27 @@ def test_only_light_bands_count_where_lamps_sweep(drawn, kind, sign):
     assert steady > 270 and (swept > 270 if (kind, sign) == ('band', 1) else swept < 252)
 
 
+def test_streak_of_light_beside_a_kerb_is_no_line(drawn):
+    """In steady light the kerb is found; swept by lamps it is not, nor what is light beside it."""
+    kerb, band = (drawn.image(0, noise=1.0, width_m=width_m) for width_m in (0.0, WIDTH_M))
+    view = drawn.view('right', 0, kerb + 0.15 * np.roll(band - ASPHALT, 6, axis=1))
+    assert locate(view, ends(drawn, 'right', 0)).shape.kind == 'edge'
+    swept = replace(view, view=replace(view.view, change=np.full((180, 320), 0.3, np.float32)))
+    assert locate(swept, ends(drawn, 'right', 0)) is None
+
+
+@pytest.mark.parametrize('unlit_rows', [0, 66, 110])
+def test_line_that_lamps_light_is_found_beside_dark_places(drawn, unlit_rows):
+    """Its far end is as good as black, at 2 grey levels, in steady light."""
+    image = 0.5 * drawn.image(0, noise=1.0)
+    change = np.full((180, 320), 0.3, np.float32)
+    image[:unlit_rows], change[:unlit_rows // 2] = 2.0, 0.0
+    view = drawn.view('right', 0, image, 0.5)
+    found = locate(replace(view, view=replace(view.view, change=change)),
+                   ends(drawn, 'right', 0))
+    assert np.abs(drawn.off_px('right', found.uv_px, 0)).max() < 0.2 and len(found.uv_px) > 10
+
+
 @pytest.mark.parametrize('noise', [0.0, 3.0])
 def test_bare_road_has_no_line(drawn, noise):
     bare = ASPHALT + noise * np.random.default_rng(0).standard_normal((360, 640))
