@@ -295,7 +295,8 @@ def _glare(crop: Patches, clipped: NDArray[np.uint8], white: int, noise: NoiseCo
         return None
     depth_px = cv2.distanceTransform(
         np.pad(lamps, 1), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    out, inside_px, deepest_px = np.zeros_like(lamps), 1.0, float(depth_px.max())
+    out = np.zeros(lamps.shape, np.uint8)
+    inside_px, deepest_px = 1.0, float(depth_px.max())
     while inside_px <= deepest_px and not out.all():
         core = (depth_px >= inside_px).astype(np.uint8)
         out |= _dilated(core, noise.clipped_reach_px + (1 + _GLARE_REACH) * inside_px)
