@@ -17,6 +17,7 @@ from ...core.errors import SiteError
 from ...core.units import MPH_MPS
 
 ANGLES = ('pan', 'tilt', 'roll')
+_MUCH_SWEPT = 0.2  # share of the lines from which headlamps matter; vehicles by day sweep a tenth
 _MOVED_SIGMAS = 3.0  # change of the drift since the site was refined from which to warn
 
 
@@ -144,6 +145,10 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
               lanes: tuple[LaneFigures, ...], lengths: tuple[LengthCheck, ...]) -> list[str]:
     """Return the warnings."""
     config, out = refined.config, _rig_warnings(refined)
+    swept = _swept_share(refined)
+    if swept > _MUCH_SWEPT:
+        out.append(f'headlamps sweep {100 * swept:.0f} % of the lines, which may displace what is '
+                   'found by more than its 1-sigma: refine the site by day')
     if refined.views[0].pairs < config.few_pairs:
         out.insert(0, f'only {refined.views[0].pairs} pairs: the background may still show '
                    'passing vehicles')
@@ -168,6 +173,20 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
         elif not math.isfinite(length.measured_m):
             out.append(f'{length.name}: cannot be measured at this site')
     return out
+
+
+def _swept_share(refined: RefinedSite) -> float:
+    """Return the share of the found lines where the light changes over time, as by headlamps."""
+    swept = [np.zeros(0, dtype=bool)]
+    for name in refined.found:
+        road = refined.road_with([name])
+        if road is None:
+            continue
+        for right, uv in enumerate(refined.rough.picked[name].views_px):
+            view = refined.line_view(road, name, bool(right))
+            swept.append(view.sections(uv[[0, -1]], refined.config.steady_share).swept)
+    every = np.concatenate(swept)
+    return float(every.mean()) if len(every) else 0.0
 
 
 def _rig_warnings(refined: RefinedSite) -> list[str]:

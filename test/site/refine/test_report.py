@@ -45,6 +45,19 @@ def test_change_is_that_of_the_speeds_from_the_clicks_to_the_refined_site(
                for line in summary_lines(drawn_refined, report(drawn_refined)))
 
 
+@pytest.mark.parametrize(('share', 'warned'), [(0.0, False), (0.1, False), (0.5, True)])
+def test_sites_of_roads_that_headlamps_sweep_should_be_refined_by_day(
+        drawn_refined, share, warned):
+    """Of so much of the near part of the image."""
+    views = []
+    for view in drawn_refined.views:
+        change = np.zeros((180, 320), np.float32)
+        change[180 - round(120 * share):] = 0.3
+        views.append(replace(view, change=change))
+    found = report(replace(drawn_refined, views=tuple(views))).warnings
+    assert any('refine the site by day' in text for text in found) == warned
+
+
 def test_lines_of_text(drawn_refined, figures):
     text = summary_lines(drawn_refined, figures)
     assert text[0].startswith('background of 9 pairs, noise 1.0 and 1.0')
