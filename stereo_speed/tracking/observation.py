@@ -248,6 +248,8 @@ class ObservationSampler:
         clipped = _clipped(crop, white, self.noise)
         if clipped is None:
             return _Crop(_blurred(crop, sigma), _NOTHING, _NOTHING, origin)
+        # Light from a lamp spreads by some pixels in the lens, and much of that is clipped too:
+        # the further away the front, the larger the lamp relative to it.
         near = _dilated(clipped, self.noise.clipped_reach_px).astype(np.float32)
         glare = _glare(crop, clipped, white, self.noise)
         return _Crop(_blurred(crop, sigma), _blurred(near, sigma),
@@ -262,12 +264,7 @@ def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
 
 
 def _clipped(crop: Patches, white: int, noise: NoiseConfig) -> Optional[NDArray[np.uint8]]:
-    """
-    Return a mask of clipped pixels; None if there are none.
-
-    Light from a lamp spreads by some pixels in the lens, and much of that is clipped too: the
-    further away the front, the larger the lamp relative to it.
-    """
+    """Return a mask of clipped pixels; None if there are none."""
     most = noise.clipped_share * white
     return (crop >= most).astype(np.uint8) if crop.max() >= most else None
 

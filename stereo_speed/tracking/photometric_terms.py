@@ -265,9 +265,9 @@ def _temporal(rows, patches, jacobian, by_relief, outlines, glare, by_blur,  # t
                 information = scale * weights[i, v, g] * moves[i, v, 1, g] ** 2
                 per_px += (1 - glare[at, v, g]) * information
                 glare_per_px += glare[at, v, g] * information
-        lowered = 1 / (1 + floor_px ** 2 * per_px / max(shift_px[at] ** 2, 1e-9))
-        glare_lowered = 1 / (
-            1 + glare_floor_px ** 2 * glare_per_px / max(shift_px[at] ** 2, 1e-9))
+        shift_2 = max(shift_px[at] ** 2, 1e-9)
+        lowered = 1 / (1 + floor_px ** 2 * per_px / shift_2)
+        glare_lowered = 1 / (1 + glare_floor_px ** 2 * glare_per_px / shift_2)
         for v in range(views):
             for g in range(samples):
                 share = glare[at, v, g]

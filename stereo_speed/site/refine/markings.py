@@ -272,10 +272,10 @@ def _search(view: LineView, sections: CrossSections, config: RefineConfig) -> _C
                                sections.take(where), shape, config))
         return out
 
-    bands = [follow(width_m) for width_m in WIDTHS_M]
-    return _Candidates([_highest(of_sign) for of_sign in zip(*bands)], follow(0.0),
-                       _highest(follow(0.0, everywhere=True)).usual,
-                       least_contrast_grey(view.noise_grey))
+    bands, edges = [follow(width_m) for width_m in WIDTHS_M], follow(0.0)
+    anywhere = follow(0.0, everywhere=True) if sections.swept.any() else edges
+    return _Candidates([_highest(of_sign) for of_sign in zip(*bands)], edges,
+                       _highest(anywhere).usual, least_contrast_grey(view.noise_grey))
 
 
 def _of_one_kind(views: Sequence[_Candidates]) -> list[_Candidate]:
