@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import ndimage
@@ -66,31 +67,41 @@ class Front:
     lamps_m: tuple[float, float] = (0.0, 0.0)
 
 
-def drawn(camera, centre_m, fronts, rng):
-    """Draw the view of a camera at a position, parallel to the left one."""
+@lru_cache(maxsize=8)
+def _rays(camera):
     v, u = np.mgrid[:camera.height_px, :camera.width_px]
-    rays = camera.rays(np.stack([u, v], -1).astype(float))
+    return camera.rays(np.stack([u, v], -1).astype(float))
+
+
+@lru_cache(maxsize=8)
+def _road(camera, centre_m):
+    """Return where the rays of pixels meet the road, and its grey values there."""
+    rays, centre_m = _rays(camera), np.array(centre_m)
     ground = centre_m + rays * ((HEIGHT_M - centre_m[1]) / np.maximum(rays[..., 1:2], 1e-3))
     at = np.stack([ground[..., 0] / 0.7 + 40, ground[..., 2] / 2.0])
-    image = ndimage.map_coordinates(_ROAD, at, order=1, mode='reflect')
+    return ground, ndimage.map_coordinates(_ROAD, at, order=1, mode='reflect')
+
+
+def drawn(camera, centre_m, fronts, rng):
+    """Draw the view of a camera at a position, parallel to the left one."""
+    ground, road = _road(camera, tuple(float(c) for c in centre_m))
+    image = road.copy()
     for front in fronts:
         far = START_M - front.s_m
         beside, behind = ground[..., 0] - LANE_M - front.x_m, ground[..., 2] - far
-        image = np.where((behind > -1) & (behind < 7) & (beside > 0)
-                         & (beside < front.half_m + front.shadow_m)
-                         & (front.shadow_m > 0), 5.0, image)
-        on = ground if front.lying else centre_m + rays * (far - centre_m[2])
+        if front.shadow_m > 0:
+            image[(behind > -1) & (behind < 7) & (beside > 0)
+                  & (beside < front.half_m + front.shadow_m)] = 5.0
+        on = ground if front.lying else centre_m + _rays(camera) * (far - centre_m[2])
         x = on[..., 0] - LANE_M - front.x_m
         h = far - on[..., 2] if front.lying else HEIGHT_M - on[..., 1]
-        column = (np.abs(x) if front.symmetric else 0.7 * x) / CELL_M
-        values = ndimage.map_coordinates(_FRONT, np.stack([h / CELL_M, column + 2]), order=1,
-                                         mode='reflect')
         here = (np.abs(x) <= front.half_m) & (h >= front.low_m) & (h <= front.high_m)
-        image = np.where(here, front.light * values, image)
-        image = np.where(here & (np.abs(x) < front.pole_m), 128.0, image)
+        column = (np.abs(x[here]) if front.symmetric else 0.7 * x[here]) / CELL_M
+        values = ndimage.map_coordinates(_FRONT, np.stack([h[here] / CELL_M, column + 2]),
+                                         order=1, mode='reflect')
+        image[here] = np.where(np.abs(x[here]) < front.pole_m, 128.0, front.light * values)
         low_m, high_m = front.lamps_m
-        image = np.where((np.abs(np.abs(x) - 0.65) < 0.125) & (h > low_m) & (h < high_m), 400.0,
-                         image)
+        image[(np.abs(np.abs(x) - 0.65) < 0.125) & (h > low_m) & (h < high_m)] = 400.0
     noisy = image + rng.normal(0, NOISE, image.shape)
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 

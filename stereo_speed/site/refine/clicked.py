@@ -78,7 +78,7 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     :param road: road fitted to the markings that were found.
     :param lines: clicks of the road's lines by name.
     """
-    feet = {name: [_Feet.of(road, name, bool(right), uv)
+    feet = {name: [Feet.of(road, name, bool(right), uv)
                    for right, uv in enumerate(clicks.views_px)] for name, clicks in lines.items()}
     beside = block_diag(*(np.concatenate([view.px_per_m for view in views])[:, None]
                           for views in feet.values()))
@@ -96,7 +96,7 @@ def unlike_rotation_px(road: RoadFit, lines: Mapping[str, Sequence[Array]]) -> A
     :param road: road fitted to the lines as they are seen now.
     :param lines: (n, 2) raw pixels of each view where the lines were before, by name.
     """
-    feet = [_Feet.of(road, name, bool(right), uv)
+    feet = [Feet.of(road, name, bool(right), uv)
             for name, views in lines.items() for right, uv in enumerate(views)]
     off_px = np.concatenate([view.off_px for view in feet])
     return _without_common(
@@ -133,13 +133,13 @@ def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px:
     :param found_px: (m, 2) raw pixels of the marking; beyond its ends it is taken to go on.
     :return: (2, n) distances, px, and the image scale across the line, px/m.
     """
-    feet, found = (_Feet.of(road, name, right, uv) for uv in (uv_px, found_px))
+    feet, found = (Feet.of(road, name, right, uv) for uv in (uv_px, found_px))
     order = np.argsort(found.at_m)
     beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
     return np.stack([feet.off_px - beside_m * feet.px_per_m, feet.px_per_m])
 
 
-class _Feet(NamedTuple):
+class Feet(NamedTuple):
     """
     The feet of pixels on a line.
 
@@ -161,7 +161,7 @@ class _Feet(NamedTuple):
     px_per_m: Array
 
     @classmethod
-    def of(cls, road: RoadFit, name: str, right: bool, uv_px: Array) -> _Feet:
+    def of(cls, road: RoadFit, name: str, right: bool, uv_px: Array) -> Feet:
         """Return the feet of raw pixels (n, 2); arguments as for :func:`_from_marking`."""
         number, zeros = road.number(name), np.zeros(len(uv_px))
         feet = road.foot(number, right, uv_px)

@@ -26,6 +26,7 @@ from .extrinsic_drift import decide_drift, Drift, FamilyDrift
 from .markings import Found, locate_both
 from .rig_check import Epipolar, epipolar_check
 from .strays import without_strays
+from .unresolved import clicks_where_unresolved
 from ..extras import RigCorrection
 from ..file import PickedLine, Site
 from ..lane_paths import (
@@ -220,7 +221,7 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
     :param known: lines that were already found along another road.
     :return: the better road, and all lines found so far.
     """
-    found = dict(known)
+    found: Found = dict(known)
     for number in range(ROUNDS):
         if number:
             fit = fit_lines(_with_found(site, found), fit.problem.rig, fit.names, _LOOSE,
@@ -234,6 +235,7 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
             line = locate_both(both, ends_px, before, config)
             if line is not None:
                 found[name] = line
+        found = clicks_where_unresolved(fit, site.picked, found, config.clicked_sigmas)
     return fit, found
 
 
