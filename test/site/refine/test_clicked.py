@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.file import PickedLine
 from stereo_speed.site.refine.clicked import (
-    _Feet, ClickDistance, Clicks, not_clicked, scatter_px)
+    Feet, ClickDistance, Clicks, not_clicked, scatter_px)
 from stereo_speed.site.refine.refiner import refine_site
 
 ON = ClickDistance(0.2, -2.0)
@@ -37,7 +37,7 @@ def test_distances_equal_those_of_the_drawing(drawn, right):
     """Pixels 0.1 m beside a level line 3 m below are off by f 0.1 / z times the slope's cosine."""
     z = np.linspace(40.0, 14.0, 9)
     points = np.column_stack([np.full(9, -2.0 + 0.1), np.full(9, 3.0), z])
-    feet = _Feet.of(drawn.fit, 'right', bool(right), drawn.rig.project(points)[right])
+    feet = Feet.of(drawn.fit, 'right', bool(right), drawn.rig.project(points)[right])
     off_px, px_per_m = feet.off_px, feet.px_per_m
     x = -2.0 - 0.5 * right  # from this camera
     cosine = 3.0 / np.hypot(3.0, x)  # the line's image goes through the vanishing point
@@ -93,7 +93,7 @@ def _places_m(beside_m=0.0):
 
 
 def _off_px(drawn, lines):
-    return np.concatenate([_Feet.of(drawn.fit, name, bool(right), uv).off_px
+    return np.concatenate([Feet.of(drawn.fit, name, bool(right), uv).off_px
                            for name, line in lines.items()
                            for right, uv in enumerate(line.views_px)])
 
