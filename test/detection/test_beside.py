@@ -29,12 +29,22 @@ BEGIN = ('from stereo_speed.detection.beside import SearchProcess\n'
          'p = SearchProcess()\np.wait()\nprint(p.process.pid, flush=True)\ninput()')
 
 
+@pytest.fixture(scope='module')
+def standing():
+    """Return a list of the process that the tests share; a second takes over from a dead one."""
+    processes = []
+    yield processes
+    for process in processes:
+        process.close()
+
+
 @pytest.fixture()
-def process():
-    process = SearchProcess()
-    process.wait()
-    yield process
-    process.close()
+def process(standing):
+    """Return a process that is ready, as it comes from the test before."""
+    if not standing or standing[-1].process.poll() is not None:
+        standing.append(SearchProcess())
+        standing[-1].wait()
+    return standing[-1]
 
 
 def both(drive, process, failed):
@@ -85,12 +95,12 @@ def test_result_does_not_depend_on_the_expected_tracks(traffic, process):
 
 
 @pytest.mark.slow
-def test_pairs_without_a_search_are_not_sent(traffic, process):
+def test_pairs_without_a_search_are_not_sent(traffic, process, monkeypatch):
     """At 30 pairs/s two lanes take turns in six pairs, and time jumps once."""
     failures, sent, found = [], [], 0
     turn, beside = both(traffic, process, failures.append)
-    process.share = lambda pair, most: sent.append(number) or SearchProcess.share(
-        process, pair, most)
+    monkeypatch.setattr(process, 'share', lambda pair, most: sent.append(number) or (
+        SearchProcess.share(process, pair, most)))
     base = traffic.pairs[0].stamp_ns
     for number, pair in enumerate(traffic.pairs[k // 6] for k in range(60)):
         ns = base + number * 33_333_333 + (20_000_000_000 if number > 40 else 0)

@@ -83,8 +83,8 @@ class LocatedLine:
     sections: int
     used: int
 
-    def take(self, where: NDArray[np.bool_]) -> LocatedLine:
-        """Return the line with the selected points."""
+    def take(self, where: NDArray[np.bool_] | NDArray[np.intp]) -> LocatedLine:
+        """Return the line with the points of a mask, or of indices in their order."""
         return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
                        s_m=self.s_m[where])
 

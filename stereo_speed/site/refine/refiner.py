@@ -221,7 +221,7 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
     :param known: lines that were already found along another road.
     :return: the better road, and all lines found so far.
     """
-    found: Found = dict(known)
+    found = dict(known)
     for number in range(ROUNDS):
         if number:
             fit = fit_lines(_with_found(site, found), fit.problem.rig, fit.names, _LOOSE,
@@ -235,7 +235,7 @@ def _search_road(site: Site, fit: RoadFit, views: tuple[Background, Background],
             line = locate_both(both, ends_px, before, config)
             if line is not None:
                 found[name] = line
-        found = clicks_where_unresolved(fit, site.picked, found, config.clicked_sigmas)
+        found = dict(clicks_where_unresolved(fit, site.picked, found, config.clicked_sigmas))
     return fit, found
 
 

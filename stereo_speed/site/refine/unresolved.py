@@ -79,8 +79,9 @@ class _View(NamedTuple):
         """Return a line in a view; for arguments see :func:`clicks_where_unresolved`."""
         stds = clicked.views_std_px
         clicks_px = clicked.views_px[right]
-        std_px = np.full(len(clicks_px), road.problem.prior.pick_std_px) if stds is None else (
-            stds[right])
+        # Those of a refined site are more precise, but may have been taken on another day.
+        std_px = np.maximum(np.zeros(len(clicks_px)) if stds is None else stds[right],
+                            road.problem.prior.pick_std_px)
         clicks, found = (Feet.of(road, clicked.name, right, uv)
                          for uv in (clicks_px, line.uv_px))
         order = np.argsort(clicks.at_m)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stereo_speed.core.records import StereoPair
 from stereo_speed.site.file import PickedLine
 from stereo_speed.site.refine.clicked import (
-    Feet, ClickDistance, Clicks, not_clicked, scatter_px)
+    ClickDistance, Clicks, Feet, not_clicked, scatter_px)
 from stereo_speed.site.refine.refiner import refine_site
 
 ON = ClickDistance(0.2, -2.0)
