@@ -50,8 +50,9 @@ class ClickDistance(NamedTuple):
         off_px, px_per_m = np.concatenate([
             _from_marking(road, name, bool(right), uv, found)
             for right, (uv, found) in enumerate(zip(clicks_px, found_px))], axis=-1)
-        off_px, half_m = np.abs(off_px), _half_m(width_m)
-        return cls(float(np.median(off_px)), float(np.median(off_px - half_m * px_per_m)))
+        off_px = np.abs(off_px)
+        return cls(float(np.median(off_px)),
+                   float(np.median(off_px - half_m(width_m) * px_per_m)))
 
 
 class Clicks(NamedTuple):
@@ -85,7 +86,7 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     all_views = [view for views in feet.values() for view in views]
     off_px = np.concatenate([view.off_px for view in all_views])
     matrix = np.hstack([beside, np.concatenate([view.by_rotation(road) for view in all_views])])
-    limit = np.append([_half_m(clicks.width_m) for clicks in lines.values()], [_MOST_RAD] * 3)
+    limit = np.append([half_m(clicks.width_m) for clicks in lines.values()], [_MOST_RAD] * 3)
     return _without_common(off_px, matrix, limit)
 
 
@@ -117,7 +118,8 @@ def _without_common(off_px: Array, matrix: Array, limit: Array) -> Array:
     return np.asarray(off_px - matrix @ common)
 
 
-def _half_m(width_m: float) -> float:
+def half_m(width_m: float) -> float:
+    """Return how far from the middle of a marking, or of a kerb, an edge of it lies, m."""
     return width_m / 2 if width_m else _KERB_M
 
 

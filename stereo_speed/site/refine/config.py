@@ -25,7 +25,8 @@ class RefineConfig(CheckedRecord):
     clicked_sigmas: float = parameter(
         3.0, 1.0, 100.0, '', 'largest distance of clicks outside the marking found for them, in '
         'sigmas of clicks combined with the distances of the other lines; beyond it the marking '
-        'is another line, and where a marking is narrower than a pixel, its clicks count instead')
+        'is another line; also of a far stretch, narrower than a pixel, from its clicks, beyond '
+        'which these count there')
     floor_std_px: float = parameter(
         0.012, 0.0, 1.0, 'px', '1-sigma of a point that more cross-sections do not reduce, by '
         'texture, wear and the lens')

@@ -73,6 +73,7 @@ class LocatedLine:
     :param scatter_px: robust scatter of single cross-sections, px.
     :param sections: number of cross-sections.
     :param used: number of cross-sections that the points are made of.
+    :param clicked: (n,) whether a point was not found but clicked; None where none was.
     """
 
     uv_px: Array
@@ -82,11 +83,17 @@ class LocatedLine:
     scatter_px: float
     sections: int
     used: int
+    clicked: Optional[NDArray[np.bool_]] = None
+
+    @property
+    def is_clicked(self) -> NDArray[np.bool_]:
+        """Return whether each point (n,) was not found but clicked."""
+        return np.zeros(len(self.s_m), dtype=bool) if self.clicked is None else self.clicked
 
     def take(self, where: NDArray[np.bool_] | NDArray[np.intp]) -> LocatedLine:
         """Return the line with the points of a mask, or of indices in their order."""
         return replace(self, uv_px=self.uv_px[where], std_px=self.std_px[where],
-                       s_m=self.s_m[where])
+                       s_m=self.s_m[where], clicked=self.is_clicked[where])
 
 
 Found = Mapping[str, tuple[LocatedLine, LocatedLine]]  # lines in the left and the right view

@@ -92,7 +92,14 @@ class RefinedSite:
     @property
     def is_found(self) -> bool:
         """Return whether all lines were found in the images, and none stays as in the site."""
-        return not self.kept_clicks and set(self.found) == set(self.rough.lines)
+        return (not self.kept_clicks and set(self.found) == set(self.rough.lines)
+                and not self.partly_clicked)
+
+    @property
+    def partly_clicked(self) -> tuple[str, ...]:
+        """Return the names of the lines that were found in part and are clicked in the rest."""
+        return tuple(name for name, views in self.found.items()
+                     if any(view.is_clicked.any() for view in views))
 
     def road_with(self, names: Iterable[str]) -> Optional[RoadFit]:
         """Return the road if all the named lines belong to it, else None."""

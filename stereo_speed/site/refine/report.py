@@ -160,6 +160,9 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
                        f'({lane.std * lane.limit_mps / MPH_MPS:.2f} mph at the speed limit)')
     for name in refined.lost:
         out.append(f'{name}: no marking or kerb found at the clicks; line kept as clicked')
+    for name in refined.partly_clicked:
+        out.append(f'{name}: what is found far away, where it is narrower than a pixel, lies '
+                   'beside the clicks; kept as clicked there')
     for line in lines:
         worst = max(line.residual_px)
         if worst > config.worst_residual_px:

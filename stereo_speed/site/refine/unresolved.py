@@ -4,106 +4,182 @@
 The far stretches of lines, where a marking is narrower than a pixel.
 
 There it cannot be told from the border of the asphalt, or from a lamp's reflection beside it, a
-pixel or two away: either is a band that keeps its distance from the clicks.  A person who has
-followed the marking from its near end knows which one it is.
+pixel or two away: both views show either as a band that keeps its distance from the clicks.  A
+person who has followed the marking from its near end knows which one it is.
 """
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Mapping, NamedTuple
+from typing import Mapping, NamedTuple, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .clicked import Feet
+from .clicked import Feet, half_m
 from .markings import Found, LocatedLine
 from ..file import PickedLine
 from ...core.records import Array
+from ...estimation.robust import robust_std
 from ...road.fitted import RoadFit
+from ...road.occlusion import hidden
 
 _RESOLVED_PX = 1.0  # width of a marking from which it is seen as one
-_LEAST_POINTS = 3  # fewest points of a line in a view
+_LEAST_POINTS = 3  # fewest found points of a line in a view
+_EDGE_SHARE = 1 / np.sqrt(3)  # 1-sigma of a click between the edges, as a share of half the width
+_TURN_RAD = np.radians(0.1)  # 1-sigma of the rotation of the rig since the clicks, about each axis
 
 
 def clicks_where_unresolved(road: RoadFit, clicked: Mapping[str, PickedLine], found: Found,
                             most_sigmas: float) -> Found:
     """
-    Return the lines with their clicks in place of far points that contradict these.
+    Return the lines with their clicks on far stretches, where one of them contradicts these.
 
-    If a point does, all points of its line that do not resolve the marking are replaced, in both
-    views. What all lines have in common, such as a rotation of the rig since the clicks, is no
-    contradiction.
+    If the far stretch of one line shows something else, those of the others can't be trusted.
+    Clicks on the edge of a marking, and a rotation of the rig since, displace the nearer points
+    alike.  What these have in common is no contradiction, and the clicks are displaced by it.
 
     :param road: road near the lines, from which distances are counted.
-    :param clicked: the lines as clicked, by name.
-    :param found: the lines as found; edges stay.
-    :param most_sigmas: largest distance of a point from the clicked line, in sigmas of clicks
-        combined with the usual distance where markings are resolved.
+    :param clicked: the lines as clicked, by name; points with 1-sigmas are no clicks.
+    :param found: the lines as found; edges stay.  A line whose nearer points contradict its
+        clicks too is no evidence, as it is another line as a whole.
+    :param most_sigmas: largest median distance of a stretch from its clicks, in 1-sigmas of
+        single clicks, as a person may err alike over a stretch.
+    :return: without lines of which too little is left.
     """
     bands = {name: [_View.of(road, clicked[name], bool(right), line)
                     for right, line in enumerate(found[name])]
-             for name in road.names if name in found and found[name][0].shape.width_m}
-    near_px = np.concatenate([np.zeros(1), *(
-        np.abs(view.off_px[~view.thin]) for views in bands.values() for view in views)])
-    common_px = float(np.nanmedian(near_px))
+             for name in road.names if name in found and found[name][0].shape.width_m
+             and clicked[name].views_std_px is None}
+    if not any(view.thin.any() for views in bands.values() for view in views):
+        return found
+    common = _Common.of(bands, road.problem.prior.pick_std_px)
+    if not any(_is_off(views, common, line, most_sigmas)
+               for line, views in enumerate(bands.values())):
+        return found
     out = dict(found)
-    for name, views in bands.items():
-        if any(view.contradicts(common_px, most_sigmas) for view in views):
-            left, right = (view.clicked(common_px) for view in views)
-            if min(len(left.s_m), len(right.s_m)) >= _LEAST_POINTS:
-                out[name] = left, right
-            else:
-                del out[name]
+    for line, (name, views) in enumerate(bands.items()):
+        both = [view.with_clicks(common, line) for view in views]
+        if min(np.count_nonzero(~view.is_clicked) for view in both) >= _LEAST_POINTS:
+            out[name] = both[0], both[1]
+        else:
+            del out[name]
     return out
 
 
 class _View(NamedTuple):
     """
-    One line in one view.
+    One line in one view, at its clicks that the road does not hide.
 
     :param line: the line as found.
-    :param off_px: (n,) distances of its points from the clicked line, px.
-    :param thin: (n,) whether the marking is too narrow there to be resolved.
-    :param click_std_px: (n,) 1-sigmas of the clicked line there, px.
-    :param clicks: the line as clicked, as far as the marking is too narrow.
+    :param found_m: (k,) its points along the road, m.
+    :param resolved: (k,) whether the marking is wide enough there to be resolved.
+    :param clicks_px: (n, 2) raw pixels of the clicks.
+    :param feet: the clicks on the road.
+    :param off_px: (n,) distances of what was found from the clicks, px.
+    :param thin: (n,) whether the marking is too narrow at the clicks.
+    :param changes: (n, 4) changes of these distances with the displacement of the line, px/m, and
+        with the rotation of the rig, px/rad.
     """
 
     line: LocatedLine
+    found_m: Array
+    resolved: NDArray[np.bool_]
+    clicks_px: Array
+    feet: Feet
     off_px: Array
     thin: NDArray[np.bool_]
-    click_std_px: Array
-    clicks: LocatedLine
+    changes: Array
 
     @classmethod
     def of(cls, road: RoadFit, clicked: PickedLine, right: bool, line: LocatedLine) -> _View:
         """Return a line in a view; for arguments see :func:`clicks_where_unresolved`."""
-        stds = clicked.views_std_px
-        clicks_px = clicked.views_px[right]
-        # Those of a refined site are more precise, but may have been taken on another day.
-        std_px = np.maximum(np.zeros(len(clicks_px)) if stds is None else stds[right],
-                            road.problem.prior.pick_std_px)
-        clicks, found = (Feet.of(road, clicked.name, right, uv)
-                         for uv in (clicks_px, line.uv_px))
-        order = np.argsort(clicks.at_m)
-        beside_m, there_px = (
-            np.interp(found.at_m, clicks.at_m[order], values[order])
-            for values in (clicks.off_px / clicks.px_per_m, std_px))
-        thin = clicks.px_per_m * line.shape.width_m < _RESOLVED_PX
-        return cls(line, found.off_px - beside_m * found.px_per_m,
-                   found.px_per_m * line.shape.width_m < _RESOLVED_PX, there_px,
-                   replace(line, uv_px=clicks_px[thin], std_px=std_px[thin],
-                           s_m=clicks.at_m[thin]))
+        name, width_m, clicks_px = clicked.name, line.shape.width_m, clicked.views_px[right]
+        at_m = road.foot(road.number(name), right, clicks_px)
+        clicks_px = clicks_px[~hidden(road, road.number(name), right, at_m)]
+        feet, found = (Feet.of(road, name, right, uv) for uv in (clicks_px, line.uv_px))
+        order = np.argsort(found.at_m, kind='stable')
+        beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
+        return cls(line, found.at_m, found.px_per_m * width_m >= _RESOLVED_PX, clicks_px, feet,
+                   beside_m * feet.px_per_m - feet.off_px, feet.px_per_m * width_m < _RESOLVED_PX,
+                   np.column_stack([feet.px_per_m, feet.by_rotation(road)]))
 
-    def contradicts(self, common_px: float, most_sigmas: float) -> bool:
-        """Return whether a point where the marking is too narrow is off the clicked line."""
-        std_px = np.sqrt(self.line.std_px**2 + self.click_std_px**2 + common_px**2)
-        return bool((np.abs(self.off_px) > most_sigmas * std_px)[self.thin].any())
-
-    def clicked(self, common_px: float) -> LocatedLine:
+    def with_clicks(self, common: _Common, line: int) -> LocatedLine:
         """Return the line with its clicks where the marking is too narrow."""
-        kept = self.line.take(~self.thin)
-        both = replace(
-            kept, uv_px=np.concatenate([kept.uv_px, self.clicks.uv_px]),
-            std_px=np.append(kept.std_px, np.hypot(self.clicks.std_px, common_px)),
-            s_m=np.append(kept.s_m, self.clicks.s_m))
-        return both.take(np.argsort(both.s_m))
+        moved_px, std_px = common.of_line(line, self.changes[self.thin])
+        along = self.feet.along[self.thin]
+        sideways = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        s_m = np.append(self.found_m[self.resolved], self.feet.at_m[self.thin])
+        return replace(
+            self.line, s_m=s_m,
+            uv_px=np.concatenate([self.line.uv_px[self.resolved],
+                                  self.clicks_px[self.thin] + moved_px[:, None] * sideways]),
+            std_px=np.append(self.line.std_px[self.resolved], np.hypot(std_px, common.click_px)),
+            clicked=np.append(self.line.is_clicked[self.resolved], np.ones(len(along), bool)),
+        ).take(np.argsort(s_m, kind='stable'))
+
+
+class _Common(NamedTuple):
+    """
+    What displaces the resolved points alike from the clicks.
+
+    :param causes: (lines + 3,) displacements of the lines, m, and rotation of the rig, rad.
+    :param covariance: (lines + 3, lines + 3) their covariance.
+    :param click_px: 1-sigma of a click, px.
+    """
+
+    causes: Array
+    covariance: Array
+    click_px: float
+
+    @classmethod
+    def of(cls, bands: Mapping[str, Sequence[_View]], click_px: float) -> _Common:
+        """
+        Return what the resolved points of lines in both views have in common.
+
+        :param click_px: least 1-sigma of a click, px; more if they scatter by more.
+        """
+        count = len(bands)
+        rows, off_px = [np.zeros((0, count + 3))], [np.zeros(0)]
+        for line, views in enumerate(bands.values()):
+            for view in views:
+                known = ~view.thin & np.isfinite(view.off_px)
+                row = np.zeros((np.count_nonzero(known), count + 3))
+                row[:, line], row[:, count:] = view.changes[known, 0], view.changes[known, 1:]
+                rows.append(row)
+                off_px.append(view.off_px[known])
+        matrix, off = np.concatenate(rows), np.concatenate(off_px)
+        prior = np.append([_EDGE_SHARE * half_m(views[0].line.shape.width_m)
+                           for views in bands.values()], [_TURN_RAD] * 3)
+        causes, covariance = _posterior(matrix, off, prior, click_px)
+        rest = off - matrix @ causes
+        if len(rest) and robust_std(rest) > click_px:
+            click_px = robust_std(rest)
+            causes, covariance = _posterior(matrix, off, prior, click_px)
+        return cls(causes, covariance, click_px)
+
+    def of_line(self, line: int, changes: Array) -> tuple[Array, Array]:
+        """Return how far points (n,) of a line are displaced, and the 1-sigmas (n,), px."""
+        own = [line, *range(len(self.causes) - 3, len(self.causes))]
+        variance = np.einsum('ni,ij,nj->n', changes, self.covariance[np.ix_(own, own)], changes)
+        return changes @ self.causes[own], np.sqrt(variance)
+
+
+def _posterior(matrix: Array, off_px: Array, prior_std: Array, std_px: float
+               ) -> tuple[Array, Array]:
+    """Return the mean and the covariance of causes of distances (n,), by linear regression."""
+    normal = matrix.T @ matrix / std_px**2 + np.diag(prior_std**-2.0)
+    covariance = np.linalg.inv(normal)
+    return np.asarray(covariance @ (matrix.T @ off_px) / std_px**2), np.asarray(covariance)
+
+
+def _is_off(views: Sequence[_View], common: _Common, line: int, most_sigmas: float) -> bool:
+    """Return whether the far stretch of a line, and only that, is off its clicks in both views."""
+    far: list[float] = []
+    near: list[float] = []
+    for view in views:
+        moved_px, std_px = common.of_line(line, view.changes)
+        sigmas = (view.off_px - moved_px) / np.hypot(std_px, common.click_px)
+        for out, mask in ((far, view.thin), (near, ~view.thin)):
+            out.append(float(np.median(sigmas[mask])) if mask.any() else 0.0)
+    return bool(np.sign(far[0]) == np.sign(far[1]) and abs(np.mean(far)) > most_sigmas
+                and abs(np.mean(near)) < most_sigmas)
