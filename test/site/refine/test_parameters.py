@@ -26,7 +26,7 @@ from stereo_speed.site.refine.rig_check import epipolar_check
 from stereo_speed.site.write import site_text
 
 # When clicks win over markings: test_refiner.py; what light does: test_markings.py;
-# markings that were not clicked: test_clicked.py.
+# markings that were not clicked: test_clicked.py, test_unresolved.py.
 ELSEWHERE = 'disagreement_sigmas', 'disagreement_factor', 'steady_share', 'clicked_sigmas'
 FIELDS = {**{n: f for n, f in parameters_of(RefineConfig) if n not in ELSEWHERE},
           **{n: dict(parameters_of(RoadPrior))[n] for n in ('calibrated_std_deg', 'taper_std_m')}}
