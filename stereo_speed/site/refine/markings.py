@@ -73,7 +73,8 @@ class LocatedLine:
     :param scatter_px: robust scatter of single cross-sections, px.
     :param sections: number of cross-sections.
     :param used: number of cross-sections that the points are made of.
-    :param clicked: (n,) whether a point was not found but clicked; None where none was.
+    :param clicked: (n,) whether a point was not found but clicked, apart from what displaces all
+        clicks; None where none was.
     """
 
     uv_px: Array

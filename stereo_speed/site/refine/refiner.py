@@ -366,7 +366,7 @@ def _without_unclicked(clicked: Site, road: RoadFit, found: Found, config: Refin
     """
     distances = {name: ClickDistance.of(road, name, found[name][0].shape.width_m,
                                         clicked.picked[name].views_px,
-                                        [view.uv_px for view in found[name]])
+                                        [view.uv_px[~view.is_clicked] for view in found[name]])
                  for name in road.names if name in found}
     unclicked = not_clicked(distances, road.problem.prior.pick_std_px, config.clicked_sigmas)
     return {name: line for name, line in found.items() if name not in unclicked}

@@ -161,8 +161,8 @@ def _warnings(refined: RefinedSite, lines: tuple[LineFigures, ...],
     for name in refined.lost:
         out.append(f'{name}: no marking or kerb found at the clicks; line kept as clicked')
     for name in refined.partly_clicked:
-        out.append(f'{name}: what is found far away, where it is narrower than a pixel, lies '
-                   'beside the clicks; kept as clicked there')
+        out.append(f'{name}: kept as clicked far away, where it is narrower than a pixel, as what '
+                   'is found there for it or another line lies beside the clicks')
     for line in lines:
         worst = max(line.residual_px)
         if worst > config.worst_residual_px:

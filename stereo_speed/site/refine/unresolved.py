@@ -25,6 +25,8 @@ from ...road.occlusion import hidden
 
 _RESOLVED_PX = 1.0  # width of a marking from which it is seen as one
 _LEAST_POINTS = 3  # fewest found points of a line in a view
+_LEAST_CLICKS = 2  # fewest clicks of a far stretch in a view that can contradict
+_OTHER_SHARE = 0.5  # share of the limit by which the view that is less off must be off
 _EDGE_SHARE = 1 / np.sqrt(3)  # 1-sigma of a click between the edges, as a share of half the width
 _TURN_RAD = np.radians(0.1)  # 1-sigma of the rotation of the rig since the clicks, about each axis
 
@@ -37,20 +39,22 @@ def clicks_where_unresolved(road: RoadFit, clicked: Mapping[str, PickedLine], fo
     If the far stretch of one line shows something else, those of the others can't be trusted.
     Clicks on the edge of a marking, and a rotation of the rig since, displace the nearer points
     alike.  What these have in common is no contradiction, and the clicks are displaced by it.
+    Uncertain points contradict as certain ones do: clicks are no worse in their place.
 
     :param road: road near the lines, from which distances are counted.
     :param clicked: the lines as clicked, by name; points with 1-sigmas are no clicks.
     :param found: the lines as found; edges stay.  A line whose nearer points contradict its
-        clicks too is no evidence, as it is another line as a whole.
+        clicks too, beyond what a rotation of the rig explains, is no evidence, as it is another
+        line as a whole.
     :param most_sigmas: largest median distance of a stretch from its clicks, in 1-sigmas of
-        single clicks, as a person may err alike over a stretch.
+        single clicks and of what displaces them, as a person may err alike over a stretch.
     :return: without lines of which too little is left.
     """
     bands = {name: [_View.of(road, clicked[name], bool(right), line)
                     for right, line in enumerate(found[name])]
              for name in road.names if name in found and found[name][0].shape.width_m
              and clicked[name].views_std_px is None}
-    if not any(view.thin.any() for views in bands.values() for view in views):
+    if not any(view.unresolved.any() for views in bands.values() for view in views):
         return found
     common = _Common.of(bands, road.problem.prior.pick_std_px)
     if not any(_is_off(views, common, line, most_sigmas)
@@ -72,22 +76,22 @@ class _View(NamedTuple):
 
     :param line: the line as found.
     :param found_m: (k,) its points along the road, m.
-    :param resolved: (k,) whether the marking is wide enough there to be resolved.
+    :param kept: (k,) whether the marking is wide enough there to be resolved.
     :param clicks_px: (n, 2) raw pixels of the clicks.
     :param feet: the clicks on the road.
-    :param off_px: (n,) distances of what was found from the clicks, px.
-    :param thin: (n,) whether the marking is too narrow at the clicks.
+    :param off_px: (n,) distances of what was found from the clicks, px; NaN beyond its ends.
+    :param unresolved: (n,) whether the marking is too narrow at the clicks.
     :param changes: (n, 4) changes of these distances with the displacement of the line, px/m, and
         with the rotation of the rig, px/rad.
     """
 
     line: LocatedLine
     found_m: Array
-    resolved: NDArray[np.bool_]
+    kept: NDArray[np.bool_]
     clicks_px: Array
     feet: Feet
     off_px: Array
-    thin: NDArray[np.bool_]
+    unresolved: NDArray[np.bool_]
     changes: Array
 
     @classmethod
@@ -98,23 +102,26 @@ class _View(NamedTuple):
         clicks_px = clicks_px[~hidden(road, road.number(name), right, at_m)]
         feet, found = (Feet.of(road, name, right, uv) for uv in (clicks_px, line.uv_px))
         order = np.argsort(found.at_m, kind='stable')
-        beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
+        beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order],
+                             left=np.nan, right=np.nan)
         return cls(line, found.at_m, found.px_per_m * width_m >= _RESOLVED_PX, clicks_px, feet,
                    beside_m * feet.px_per_m - feet.off_px, feet.px_per_m * width_m < _RESOLVED_PX,
                    np.column_stack([feet.px_per_m, feet.by_rotation(road)]))
 
     def with_clicks(self, common: _Common, line: int) -> LocatedLine:
         """Return the line with its clicks where the marking is too narrow."""
-        moved_px, std_px = common.of_line(line, self.changes[self.thin])
-        along = self.feet.along[self.thin]
+        moved_px, std_px = common.of_line(line, self.changes[self.unresolved])
+        # They share this error, but count as independent.
+        std_px = np.hypot(std_px * np.sqrt(len(std_px)), common.click_px)
+        along = self.feet.along[self.unresolved]
         sideways = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-        s_m = np.append(self.found_m[self.resolved], self.feet.at_m[self.thin])
+        s_m = np.append(self.found_m[self.kept], self.feet.at_m[self.unresolved])
         return replace(
             self.line, s_m=s_m,
-            uv_px=np.concatenate([self.line.uv_px[self.resolved],
-                                  self.clicks_px[self.thin] + moved_px[:, None] * sideways]),
-            std_px=np.append(self.line.std_px[self.resolved], np.hypot(std_px, common.click_px)),
-            clicked=np.append(self.line.is_clicked[self.resolved], np.ones(len(along), bool)),
+            uv_px=np.concatenate([self.line.uv_px[self.kept],
+                                  self.clicks_px[self.unresolved] + moved_px[:, None] * sideways]),
+            std_px=np.append(self.line.std_px[self.kept], std_px),
+            clicked=np.append(self.line.is_clicked[self.kept], np.ones(len(along), bool)),
         ).take(np.argsort(s_m, kind='stable'))
 
 
@@ -142,7 +149,7 @@ class _Common(NamedTuple):
         rows, off_px = [np.zeros((0, count + 3))], [np.zeros(0)]
         for line, views in enumerate(bands.values()):
             for view in views:
-                known = ~view.thin & np.isfinite(view.off_px)
+                known = ~view.unresolved & np.isfinite(view.off_px)
                 row = np.zeros((np.count_nonzero(known), count + 3))
                 row[:, line], row[:, count:] = view.changes[known, 0], view.changes[known, 1:]
                 rows.append(row)
@@ -173,13 +180,19 @@ def _posterior(matrix: Array, off_px: Array, prior_std: Array, std_px: float
 
 
 def _is_off(views: Sequence[_View], common: _Common, line: int, most_sigmas: float) -> bool:
-    """Return whether the far stretch of a line, and only that, is off its clicks in both views."""
+    """
+    Return whether the far stretch of a line is off its clicks in both views alike.
+
+    The nearer points must lie on theirs, where there are some.
+    """
     far: list[float] = []
-    near: list[float] = []
     for view in views:
         moved_px, std_px = common.of_line(line, view.changes)
         sigmas = (view.off_px - moved_px) / np.hypot(std_px, common.click_px)
-        for out, mask in ((far, view.thin), (near, ~view.thin)):
-            out.append(float(np.median(sigmas[mask])) if mask.any() else 0.0)
-    return bool(np.sign(far[0]) == np.sign(far[1]) and abs(np.mean(far)) > most_sigmas
-                and abs(np.mean(near)) < most_sigmas)
+        known = np.isfinite(sigmas)
+        near, there = sigmas[known & ~view.unresolved], sigmas[known & view.unresolved]
+        if len(there) < _LEAST_CLICKS or len(near) and abs(np.median(near)) > most_sigmas:
+            return False
+        far.append(float(np.median(there)))
+    alike = np.sign(far[0]) == np.sign(far[1]) and min(np.abs(far)) > _OTHER_SHARE * most_sigmas
+    return bool(alike and abs(np.mean(far)) > most_sigmas)

@@ -55,8 +55,8 @@ FAR = {right: np.where(thin('right', right), 2.0, 0.0) for right in (0, 1)}
 @pytest.mark.parametrize('off_px, kind', [
     ({}, BAND),
     ({'right': (1.0, 1.0)}, BAND),
-    ({'right': (FAR[0], np.zeros(32))}, BAND),  # in one view only
-    ({'right': (FAR[0], -FAR[1])}, BAND),  # to different sides
+    ({'right': (3 * FAR[0], 0.1 * FAR[1])}, BAND),  # in one view only
+    ({'right': (5 * FAR[0], -FAR[1])}, BAND),  # to different sides
     ({'right': (0.5 * FAR[0], 0.5 * FAR[1])}, BAND),  # 3 sigmas of a click are 0.9 px
     ({'right': (3.0, 3.0)}, BAND),  # another line as a whole
     ({'right': (3.0, 3.0), 'left': (3.0, 3.0)}, BAND),  # a knock of the rig
@@ -89,12 +89,12 @@ def test_far_points_beside_the_clicks_give_way_to_these(drawn):
             np.testing.assert_allclose(line.uv_px, wanted_px, atol=0.02)
             assert (np.diff(line.s_m) > 0).all()
             # and what the nearer clicks leave unknown of their common displacement
-            assert ((line.std_px[:count] > CLICK_PX) & (line.std_px[:count] < 0.35)).all()
+            assert ((line.std_px[:count] > CLICK_PX) & (line.std_px[:count] < 0.6)).all()
             np.testing.assert_array_equal(line.std_px[count:], 0.05)
             np.testing.assert_array_equal(line.is_clicked, np.arange(len(line.s_m)) < count)
 
 
-@pytest.mark.parametrize('turn_deg', [(0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.1, 0.1, 0.1)])
+@pytest.mark.parametrize('turn_deg', [(0.1, 0.0, 0.0), (0.0, 0.1, 0.0)])
 @pytest.mark.parametrize('off_m', [0.0, 0.15])
 def test_rotation_of_the_rig_since_the_clicks_is_no_contradiction(drawn, turn_deg, off_m):
     """Nor does it hide one; it displaces the lines by about 2 px, and then the clicks as well."""
@@ -122,16 +122,16 @@ def test_rotation_of_the_rig_since_the_clicks_is_no_contradiction(drawn, turn_de
         assert (np.abs(off_px) < 1.5 * std_px).all() and std_px.max() < 1.0
 
 
-@pytest.mark.parametrize('std_px, most', [(0.3, 0), (0.6, 0)])
-def test_scattered_clicks_hardly_contradict(drawn, std_px, most):
-    """Points as exact as by day are seldom given up for clicks; for clicks of 0.6 px, too."""
+@pytest.mark.parametrize('std_px', [0.3, 0.6])
+def test_scattered_clicks_do_not_contradict(drawn, std_px):
+    """Points as exact as by day are not given up for clicks, be these worse than usual."""
     rng, found, changed = np.random.default_rng(1), found_with(drawn), 0
     for _ in range(100):
         lines = {name: PickedLine(name, *(uv + rng.normal(0, std_px, uv.shape)
                                           for uv in line.views_px))
                  for name, line in drawn.lines.items()}
         changed += clicks_where_unresolved(drawn.fit, lines, found, SIGMAS) is not found
-    assert changed <= most
+    assert changed == 0
 
 
 @pytest.mark.parametrize('near', [2, 3])
@@ -147,6 +147,7 @@ def test_clicks_that_the_road_hides_do_not_count(drawn, monkeypatch):
     monkeypatch.setattr(unresolved, 'hidden', lambda fit, line, right, s_m: s_m < -12.0)
     kept = clicks_where_unresolved(
         drawn.fit, drawn.lines, found_with(drawn, right=(FAR[0], FAR[1])), SIGMAS)
+    assert set(kept) == {'left', 'right'}
     for name in kept:
         for line in kept[name]:
             assert line.is_clicked.sum() >= 2 and line.s_m.min() > -12.0
