@@ -81,11 +81,9 @@ def scatter_px(road: RoadFit, lines: Mapping[str, Clicks]) -> Array:
     """
     feet = {name: [Feet.of(road, name, bool(right), uv)
                    for right, uv in enumerate(clicks.views_px)] for name, clicks in lines.items()}
-    beside = block_diag(*(np.concatenate([view.px_per_m for view in views])[:, None]
-                          for views in feet.values()))
-    all_views = [view for views in feet.values() for view in views]
-    off_px = np.concatenate([view.off_px for view in all_views])
-    matrix = np.hstack([beside, np.concatenate([view.by_rotation(road) for view in all_views])])
+    off_px = np.concatenate([view.off_px for views in feet.values() for view in views])
+    matrix = by_causes([np.concatenate([view.changes(road) for view in views])
+                        for views in feet.values()])
     limit = np.append([half_m(clicks.width_m) for clicks in lines.values()], [_MOST_RAD] * 3)
     return _without_common(off_px, matrix, limit)
 
@@ -102,6 +100,18 @@ def unlike_rotation_px(road: RoadFit, lines: Mapping[str, Sequence[Array]]) -> A
     off_px = np.concatenate([view.off_px for view in feet])
     return _without_common(
         off_px, np.concatenate([view.by_rotation(road) for view in feet]), np.full(3, np.inf))
+
+
+def by_causes(changes: Sequence[Array]) -> Array:
+    """
+    Return the changes (n, lines + 3) of all distances from lines with each of their causes.
+
+    :param changes: (m, 4) for each line, as of :meth:`Feet.changes`.
+    :return: a column for the displacement of each line, px/m, and three for the rotation of the
+        rig, px/rad.
+    """
+    return np.hstack([block_diag(*(change[:, :1] for change in changes)),
+                      np.concatenate([change[:, 1:] for change in changes])])
 
 
 def _without_common(off_px: Array, matrix: Array, limit: Array) -> Array:
@@ -136,9 +146,7 @@ def _from_marking(road: RoadFit, name: str, right: bool, uv_px: Array, found_px:
     :return: (2, n) distances, px, and the image scale across the line, px/m.
     """
     feet, found = (Feet.of(road, name, right, uv) for uv in (uv_px, found_px))
-    order = np.argsort(found.at_m)
-    beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
-    return np.stack([feet.off_px - beside_m * feet.px_per_m, feet.px_per_m])
+    return np.stack([feet.beside_px(found), feet.px_per_m])
 
 
 class Feet(NamedTuple):
@@ -173,6 +181,24 @@ class Feet(NamedTuple):
         along = (ahead - on) / np.linalg.norm(ahead - on, axis=1, keepdims=True)
         return cls(right, feet, places[0], on, along, _beside(along, uv_px - on),
                    np.abs(_beside(along, left - on)) / _STEP_M)
+
+    def beside_px(self, found: Feet) -> Array:
+        """
+        Return signed distances (n,) from the curve through other pixels of the line, px.
+
+        :param found: feet of these pixels; beyond its ends the curve is taken to go on.
+        """
+        order = np.argsort(found.at_m, kind='stable')
+        beside_m = np.interp(self.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order])
+        return np.asarray(self.off_px - beside_m * self.px_per_m)
+
+    def changes(self, road: RoadFit) -> Array:
+        """
+        Return how the distances change with their causes, (n, 4).
+
+        :return: with the displacement of the line, px/m, and the rotation of the rig, px/rad.
+        """
+        return np.column_stack([self.px_per_m, self.by_rotation(road)])
 
     def by_rotation(self, road: RoadFit) -> Array:
         """Return how far the line moves sideways with the rotation of the rig, (n, 3) px/rad."""

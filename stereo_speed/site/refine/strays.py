@@ -13,7 +13,7 @@ from ...estimation.robust import robust_std
 from ...road.fitted import RoadFit
 
 _MOST_DROPPED = 0.5  # share of dropped points from which a line does not belong to the road
-_LEAST_POINTS = 3  # fewest points of a line in a view
+LEAST_POINTS = 3  # fewest points of a line in a view
 
 
 def without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
@@ -33,7 +33,7 @@ def without_strays(fit: RoadFit, found: Found, config: RefineConfig) -> Found:
             good = [on_road[picks.of_line(number, right)] for right in (False, True)]
             if all(g.all() for g in good):
                 continue
-            if any(g.sum() < max((1 - _MOST_DROPPED) * len(g), _LEAST_POINTS) for g in good):
+            if any(g.sum() < max((1 - _MOST_DROPPED) * len(g), LEAST_POINTS) for g in good):
                 del out[name]
             else:
                 left, right = (line.take(g) for line, g in zip(found[name], good))

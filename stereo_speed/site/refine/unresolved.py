@@ -15,8 +15,9 @@ from typing import Mapping, NamedTuple, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .clicked import Feet, half_m
+from .clicked import by_causes, Feet, half_m
 from .markings import Found, LocatedLine
+from .strays import LEAST_POINTS
 from ..file import PickedLine
 from ...core.records import Array
 from ...estimation.robust import robust_std
@@ -24,7 +25,6 @@ from ...road.fitted import RoadFit
 from ...road.occlusion import hidden
 
 _RESOLVED_PX = 1.0  # width of a marking from which it is seen as one
-_LEAST_POINTS = 3  # fewest found points of a line in a view
 _LEAST_CLICKS = 2  # fewest clicks of a far stretch in a view that can contradict
 _OTHER_SHARE = 0.5  # share of the limit by which the view that is less off must be off
 _EDGE_SHARE = 1 / np.sqrt(3)  # 1-sigma of a click between the edges, as a share of half the width
@@ -63,7 +63,7 @@ def clicks_where_unresolved(road: RoadFit, clicked: Mapping[str, PickedLine], fo
     out = dict(found)
     for line, (name, views) in enumerate(bands.items()):
         both = [view.with_clicks(common, line) for view in views]
-        if min(np.count_nonzero(~view.is_clicked) for view in both) >= _LEAST_POINTS:
+        if min(np.count_nonzero(~view.is_clicked) for view in both) >= LEAST_POINTS:
             out[name] = both[0], both[1]
         else:
             del out[name]
@@ -72,17 +72,17 @@ def clicks_where_unresolved(road: RoadFit, clicked: Mapping[str, PickedLine], fo
 
 class _View(NamedTuple):
     """
-    One line in one view, at its clicks that the road does not hide.
+    One line in one view, at its clicks.
 
     :param line: the line as found.
     :param found_m: (k,) its points along the road, m.
     :param kept: (k,) whether the marking is wide enough there to be resolved.
     :param clicks_px: (n, 2) raw pixels of the clicks.
     :param feet: the clicks on the road.
-    :param off_px: (n,) distances of what was found from the clicks, px; NaN beyond its ends.
-    :param unresolved: (n,) whether the marking is too narrow at the clicks.
-    :param changes: (n, 4) changes of these distances with the displacement of the line, px/m, and
-        with the rotation of the rig, px/rad.
+    :param off_px: (n,) distances of what was found from the clicks, px; NaN beyond its ends, and
+        where the road hides the click.
+    :param unresolved: (n,) whether the marking is too narrow at a click that is not hidden.
+    :param changes: (n, 4) changes of these distances, as of :meth:`Feet.changes`.
     """
 
     line: LocatedLine
@@ -97,16 +97,18 @@ class _View(NamedTuple):
     @classmethod
     def of(cls, road: RoadFit, clicked: PickedLine, right: bool, line: LocatedLine) -> _View:
         """Return a line in a view; for arguments see :func:`clicks_where_unresolved`."""
-        name, width_m, clicks_px = clicked.name, line.shape.width_m, clicked.views_px[right]
-        at_m = road.foot(road.number(name), right, clicks_px)
-        clicks_px = clicks_px[~hidden(road, road.number(name), right, at_m)]
-        feet, found = (Feet.of(road, name, right, uv) for uv in (clicks_px, line.uv_px))
-        order = np.argsort(found.at_m, kind='stable')
-        beside_m = np.interp(feet.at_m, found.at_m[order], (found.off_px / found.px_per_m)[order],
-                             left=np.nan, right=np.nan)
+        width_m, clicks_px = line.shape.width_m, clicked.views_px[right]
+        feet, found = (Feet.of(road, clicked.name, right, uv) for uv in (clicks_px, line.uv_px))
+        shown = ~hidden(road, road.number(clicked.name), right, feet.at_m)
+        reached = (feet.at_m >= found.at_m.min()) & (feet.at_m <= found.at_m.max())
         return cls(line, found.at_m, found.px_per_m * width_m >= _RESOLVED_PX, clicks_px, feet,
-                   beside_m * feet.px_per_m - feet.off_px, feet.px_per_m * width_m < _RESOLVED_PX,
-                   np.column_stack([feet.px_per_m, feet.by_rotation(road)]))
+                   np.where(shown & reached, -feet.beside_px(found), np.nan),
+                   shown & (feet.px_per_m * width_m < _RESOLVED_PX), feet.changes(road))
+
+    @property
+    def near(self) -> NDArray[np.bool_]:
+        """Return at which clicks (n,) a marking that is wide enough was found."""
+        return np.isfinite(self.off_px) & ~self.unresolved
 
     def with_clicks(self, common: _Common, line: int) -> LocatedLine:
         """Return the line with its clicks where the marking is too narrow."""
@@ -145,16 +147,10 @@ class _Common(NamedTuple):
 
         :param click_px: least 1-sigma of a click, px; more if they scatter by more.
         """
-        count = len(bands)
-        rows, off_px = [np.zeros((0, count + 3))], [np.zeros(0)]
-        for line, views in enumerate(bands.values()):
-            for view in views:
-                known = ~view.unresolved & np.isfinite(view.off_px)
-                row = np.zeros((np.count_nonzero(known), count + 3))
-                row[:, line], row[:, count:] = view.changes[known, 0], view.changes[known, 1:]
-                rows.append(row)
-                off_px.append(view.off_px[known])
-        matrix, off = np.concatenate(rows), np.concatenate(off_px)
+        matrix = by_causes([np.concatenate([view.changes[view.near] for view in views])
+                            for views in bands.values()])
+        off = np.concatenate([view.off_px[view.near] for views in bands.values()
+                              for view in views])
         prior = np.append([_EDGE_SHARE * half_m(views[0].line.shape.width_m)
                            for views in bands.values()], [_TURN_RAD] * 3)
         causes, covariance = _posterior(matrix, off, prior, click_px)
@@ -189,8 +185,7 @@ def _is_off(views: Sequence[_View], common: _Common, line: int, most_sigmas: flo
     for view in views:
         moved_px, std_px = common.of_line(line, view.changes)
         sigmas = (view.off_px - moved_px) / np.hypot(std_px, common.click_px)
-        known = np.isfinite(sigmas)
-        near, there = sigmas[known & ~view.unresolved], sigmas[known & view.unresolved]
+        near, there = sigmas[view.near], sigmas[np.isfinite(sigmas) & view.unresolved]
         if len(there) < _LEAST_CLICKS or len(near) and abs(np.median(near)) > most_sigmas:
             return False
         far.append(float(np.median(there)))
