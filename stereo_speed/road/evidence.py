@@ -16,13 +16,23 @@ from .wander_search import log_probability
 _RIVAL = 5e-3  # least odds of a rival family against the best one
 
 
-def either(strict: RoadFit, loose: RoadFit) -> RoadFit:
+def either(one: RoadFit, other: RoadFit) -> RoadFit:
     """Return the more probable one of two roads, with the other one among its rivals."""
-    gain = log_probability(loose) - log_probability(strict)
-    best, other = (loose, strict) if gain > 0 else (strict, loose)
+    gain = log_probability(other) - log_probability(one)
+    best, other = (other, one) if gain > 0 else (one, other)
     odds = float(np.exp(-abs(gain)))
-    rivals = [(odds * share, fit) for share, fit in ((1.0, other), *other.rivals)]
-    return replace(best, rivals=(*best.rivals, *(r for r in rivals if r[0] > _RIVAL)))
+    rivals = [*best.rivals, *((odds * share, fit) for share, fit in ((1.0, other), *other.rivals))]
+    families = {_family(best)}  # both may have the same rivals
+    kept = []
+    for share, fit in sorted(rivals, key=lambda rival: -rival[0]):
+        if share > _RIVAL and _family(fit) not in families:
+            families.add(_family(fit))
+            kept.append((share, fit))
+    return replace(best, rivals=tuple(kept))
+
+
+def _family(fit: RoadFit) -> tuple[RoadShape, bool]:
+    return fit.problem.model.shape, fit.problem.wander is None
 
 
 def with_rivals(fits: list[RoadFit]) -> RoadFit:

@@ -46,6 +46,13 @@ def explored(fits: list[RoadFit], most: int) -> list[RoadFit]:
     return _widened(fits, most) if best_of(fits) is built else fits
 
 
+def as_built(shape: RoadShape) -> list[RoadShape]:
+    """Return the family with a vertical curve in place of two or more vertical coefficients."""
+    if shape.vertical < 2 or shape.vertical_curve:
+        return []
+    return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
+
+
 def _with_run_off(fit: RoadFit, variance: float) -> Optional[RoadFit]:
     """
     Fit a road with a run-off if its evidence should be greater, by linear approximation.
@@ -97,9 +104,9 @@ def _widened(fits: list[RoadFit], most: int) -> list[RoadFit]:
         best = best_of(fits)
         known = {fit.problem.model.shape for fit in fits}
         tries = _promising(best, known, most, variance_of(fits))
-        as_built = [one for one in _as_built(best.problem.model.shape) if one not in built]
-        for other in (*tries, *as_built):
-            built |= {other} & set(as_built)
+        curves = [one for one in as_built(best.problem.model.shape) if one not in built]
+        for other in (*tries, *curves):
+            built |= {other} & set(curves)
             fits.append(reshaped(best, other) if other in tries else rebuilt(best, other))
             if best_of(fits) is fits[-1]:
                 break
@@ -179,13 +186,6 @@ class _Nearby:
         mine = kept < len(x)
         x[kept[mine]] -= np.linalg.solve(part, slope)[mine]
         return fit_closely(problem, *problem.model.reshaped(shape, x, problem.model.tapered))
-
-
-def _as_built(shape: RoadShape) -> list[RoadShape]:
-    """Return the family with a vertical curve in place of two or more vertical coefficients."""
-    if shape.vertical < 2 or shape.vertical_curve:
-        return []
-    return [shape._replace(vertical=0, vertical_curve=VERTICAL_CURVE)]
 
 
 def _narrower(shape: RoadShape) -> Iterator[RoadShape]:

@@ -26,19 +26,19 @@ from typing import Mapping, Optional
 import numpy as np
 
 from .evidence import best_of, either, with_rivals
-from .families import explored, MOST
+from .families import as_built, explored, MOST
 from .first_guess import guess_road, Hints, NoRoadError
 from .fitted import RoadFit
 from .line_kernels import REACH
 from .problem import DriftPrior, Picks, RoadPrior, RoadProblem
-from .solving import reshaped, same_family, solve
+from .solving import rebuilt, reshaped, same_family, solve
 from .wander_search import asked_of, loosened
 from ..core.records import Array
 from ..estimation.robust import robust_std
 from ..geometry.rig import StereoRig
 
-# Scatter in 1-sigmas that not even 30 picks reach by chance; a road that is longer, or found from
-# another guess, may explain it.
+# Scatter in 1-sigmas that not even 30 picks reach by chance; a road found from another guess may
+# explain it.
 _ASTRAY = 1.5
 # Reach of the road in distances of the last node: up to there the cubic through the last nodes
 # extrapolates within 2 mm, even on an arc of 41 m radius.
@@ -104,9 +104,8 @@ def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: P
 
 
 def _reaches(fit: RoadFit) -> bool:
-    """Return whether a road is long enough for its picks, or agrees with them anyway."""
-    return (_farthest_m(fit) < OVERREACH * float(fit.problem.model.s_m[-1])
-            or fit.scale < _ASTRAY)
+    """Return whether a road is long enough for its picks."""
+    return _farthest_m(fit) < OVERREACH * float(fit.problem.model.s_m[-1])
 
 
 def _agrees(fit: RoadFit) -> bool:
@@ -148,7 +147,16 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
         shape = fit.problem.model.shape
         fits.append(reshaped(fit, shape._replace(tilt=2) if shape.curvature
                              else shape._replace(vertical=2)))
-    return _search(fits, most)
+    # From bends without a crest the search goes on with more and more coefficients of curvature
+    # and crossfall, which explain a crest in part.
+    crests = [crest for fit in fits if fit.problem.model.shape.tilt for crest in _over_crest(fit)]
+    return either(_search(fits, most), _search(crests, most))
+
+
+def _over_crest(fit: RoadFit) -> list[RoadFit]:
+    """Fit the family of a road with a crest or sag, as a parabola and as built."""
+    parabola = reshaped(fit, fit.problem.model.shape._replace(vertical=2))
+    return [parabola, *(rebuilt(parabola, one) for one in as_built(parabola.problem.model.shape))]
 
 
 def _search(fits: list[RoadFit], most: int) -> RoadFit:

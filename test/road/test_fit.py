@@ -381,20 +381,26 @@ def test_wandering_clicked_lines_have_a_built_grade(make_scene):
     assert fit.problem.wander is not None
 
 
-def crest_picks(rig, rng, begin_m, end_m, change, off_m=None):
+def crest_picks(rig, rng, begin_m, end_m, change, off_m=None, *, grade=0.0, curvature=0.0):
     """
-    Return lines of 0.02 px of a straight road whose grade changes evenly over part of its 85 m.
+    Return lines of 0.02 px of a road whose grade changes evenly over part of its 85 m.
 
     :param off_m: as for :func:`plain_picks`.
+    :param grade: grade of its far end.
+    :param curvature: of its reference line, positive to the left, 1/m.
     """
     s, lines = np.linspace(0.0, 85.0, 80), {}
     f = np.linspace(0.0, 85.0, 8501)
-    grade = change * np.clip((f - begin_m) / (end_m - begin_m), 0, 1)
-    up = np.append(0.0, np.cumsum((grade[1:] + grade[:-1]) / 2 * np.diff(f)))
-    height = np.interp(s, f, up - up[-1])
+    climb = grade + change * np.clip((f - begin_m) / (end_m - begin_m), 0, 1)
+    turn = curvature * (f - 60.0)
+    height, ahead, aside = (np.interp(s, f, along - along[-1]) for along in (
+        np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(f)))
+        for rate in (climb, np.cos(turn), np.sin(turn))))
+    heading = np.interp(s, f, turn)
     for name, left_m in (('right', -1.75), ('middle', 1.75), ('left', 5.25)):
-        off = off_m[name](s) if off_m else np.zeros(80)
-        points = np.stack([left_m - 3.0 + off, 5.0 - height, 92.0 - s], axis=-1)
+        off = left_m + (off_m[name](s) if off_m else np.zeros(80))
+        points = np.stack([off * np.cos(heading) - 3.0 + aside, 5.0 - height,
+                           7.0 - ahead + off * np.sin(heading)], axis=-1)
         left, right, in_left, in_right = rig.project(points)
         lines[name] = tuple(view[seen] + rng.normal(0, 0.02, (int(seen.sum()), 2))
                             for view, seen in ((left, in_left), (right, in_right)))
@@ -416,6 +422,31 @@ def test_vertical_curve_is_found_as_built(make_scene, begin_m, end_m, change):
     length_m = model.half_length_m * np.exp(log_length)
     assert abs(found - change) < 4 * std[2] < 0.002
     assert abs(np.log(length_m / (end_m - begin_m))) < 4 * std[1] < 0.2
+
+
+@pytest.mark.parametrize('curvature, grade, change, begin_m, end_m', [
+    (-0.005, 0.025, -0.036, 10, 80), (-0.011, 0.024, -0.039, 10, 80), (0.01, 0.03, -0.05, 30, 70),
+    (0.007, -0.03, 0.05, 10, 80)], ids=['crest', 'sharp bend', 'short crest', 'sag'])
+def test_bend_over_a_crest_is_found_as_built(make_scene, curvature, grade, change, begin_m, end_m):
+    """Crossfall and curvature that change many times explain it too; what ends early hides it."""
+    rig, rng = make_scene().rig, np.random.default_rng(1)
+    fit = fit_road(rig, *crest_picks(rig, rng, begin_m, end_m, change, grade=grade,
+                                     curvature=curvature))
+    shape = fit.problem.model.shape
+    assert shape == RoadShape(shape.curvature, tilt=2, vertical_curve=3) and shape.curvature < 3
+    assert np.abs(fit.feet.residual_px).max() < 5 * 0.02
+
+
+def test_road_ends_beyond_far_picks_that_lie_astray(make_scene):
+    """What lies beyond the end of a road as guessed must not pass for scatter of the picks."""
+    rig, rng = make_scene().rig, np.random.default_rng(0)
+    lines, std_px = crest_picks(rig, rng, 10, 80, -0.063, grade=0.034, curvature=0.007)
+    for views in std_px.values():
+        for std in views:
+            std[:2] = 1.0  # ends that were not found but clicked
+    fit = fit_road(rig, lines, std_px)
+    assert np.abs(fit.feet.s_m).max() < OVERREACH * fit.problem.model.s_m[-1]
+    assert np.abs(fit.feet.residual_px).max() < 5 * 0.02
 
 
 def test_grade_that_changes_evenly_all_along_is_no_transition(make_scene):
