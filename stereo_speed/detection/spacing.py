@@ -4,7 +4,7 @@
 Decides what fronts near to each other have to do with each other.
 
 Two fronts may be too close to each other to be two vehicles.  What moves beside a narrow front may
-be the rest of its own vehicle, or another vehicle farther away.
+be the rest of its own vehicle, or another vehicle.
 """
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .protocol import TrackedRegion
 from ..core.records import Array
 from ..road.lanes import LanePath
 
-# How much farther away than a narrow front a vehicle may be that is seen beside it.  At less, the
-# front may be part of it; at more, cameras a few metres above the road see it above the front.
-_FARTHER_M = 3.0, 15.0
+# How much farther or nearer than a narrow front a vehicle may be that is seen beside it.  At less,
+# the front may be part of it; at more, cameras a few metres above the road see it above or below.
+_APART_M = 3.0, 15.0
 _CLEAR_M = 1.0  # least distance of its middle from the side of a vehicle in the next lane
 _MIRROR_M = 0.3  # how much wider than its front a vehicle may be
 
@@ -163,7 +163,7 @@ class Spacing:
     def stands_alone(self, lane: str, one: Place, beside: MovingBeside,
                      others: Iterable[Place]) -> bool:
         """
-        Return whether what moves beside a narrow front is vehicles farther from the cameras.
+        Return whether what moves beside a narrow front is vehicles farther away or nearer.
 
         Their speeds may be nearly the same, and far away their ranges look the same.  Only what
         something static separates from the edge of the front counts, and only vehicles in the
@@ -186,11 +186,11 @@ class Spacing:
         return left_m - right_m <= beside.most_m
 
     def _is_seen_beside(self, lane: str, one: Place, other: Place) -> bool:
-        """Return whether a vehicle in a next lane may be seen beside a front nearer than it."""
+        """Return whether a vehicle in a next lane may be seen beside a front."""
         if self._is_oncoming(lane, other):
             return False
         farther_m, across_m = self._farther(lane, other, one)
-        return (_FARTHER_M[0] < farther_m < _FARTHER_M[1]
+        return (_APART_M[0] < abs(farther_m) < _APART_M[1]
                 and abs(across_m) > other.half_m + _CLEAR_M)
 
     def _farther(self, lane: str, one: Place, other: Place) -> tuple[float, float]:
@@ -226,7 +226,7 @@ class Spacing:
     def _covered(self, lane: str, one: Place, other: Place, lengths: Lengths
                  ) -> tuple[float, float]:
         """
-        Return where the left camera sees a vehicle beyond a front on the plane of the front.
+        Return where the left camera sees a vehicle on the plane of a front.
 
         :return: its right and its left end, m to the left of the front's middle.
         """

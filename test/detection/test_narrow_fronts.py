@@ -158,7 +158,10 @@ def beside(near_m=0.35, most_m=1.7, left=True):
     ([(2.1, 44.0, 1.0)], 0.55, 0.90),
     ([(4.2, 34.5, 0.9), (2.2, 44.9, 0.8)], 0.35, 0.875),  # 1.4 * 30 / 50.9 m, by both
     ([(2.2, 44.9, 0.8), (4.2, 34.5, 0.9)], 0.35, 0.875),
-    ([(4.0, 24.0, 0.9)], 0.35, 2.67),  # nearer
+    ([(3.0, 22.0, 0.9)], 0.35, 2.30),  # nearer; its rear is at 2.1 * 30 / 28 m
+    ([(3.0, 20.0, 1.0)], 0.35, 1.63),  # 2 * 30 / 38 m
+    ([(3.0, 14.0, 1.0)], 0.35, 2.67),  # so much nearer that it is seen below
+    ([(4.0, 24.0, 0.9)], 0.35, 2.67),  # what moves is not as far from the front as it
     ([(4.0, 32.0, 0.9)], 0.35, 2.67),  # side by side
     ([(1.8, 40.0, 0.9)], 0.35, 2.67),  # in the lane of the front
     ([(4.0, 46.0, 1.0)], 0.35, 2.67)])  # so far beyond it that it is seen above it
@@ -167,7 +170,7 @@ def test_vehicles_in_the_next_lane_are_no_part_of_a_narrow_front(
     """
     By hand, for a front 30 m away.
 
-    A vehicle beyond it counts with its mirrors, 0.3 m on either side.
+    Vehicles count with their mirrors, 0.3 m on either side.
     """
     spacing = Spacing({'lane': lane_of(sense)}, SpacingConfig())
     front = Place(np.array([0.0, 2.0, 30.0]), 0.35, 'lane')
