@@ -20,8 +20,10 @@ from ..core.records import Array
 from ..road.lanes import LanePath
 
 # How much farther or nearer than a narrow front a vehicle may be that is seen beside it.  At less,
-# the front may be part of it; at more, cameras a few metres above the road see it above or below.
+# the front may be part of it; at more, cameras a few metres above the road see it above or, unless
+# it is tall, below.  Where such a one is seen all the same, the two-wheeler may be missed.
 _APART_M = 3.0, 15.0
+_NEAREST = 0.3  # least range of such a vehicle, as a share of that of the front
 _CLEAR_M = 1.0  # least distance of its middle from the side of a vehicle in the next lane
 _MIRROR_M = 0.3  # how much wider than its front a vehicle may be
 
@@ -163,7 +165,7 @@ class Spacing:
     def stands_alone(self, lane: str, one: Place, beside: MovingBeside,
                      others: Iterable[Place]) -> bool:
         """
-        Return whether what moves beside a narrow front is vehicles farther away or nearer.
+        Return whether what moves beside a narrow front is other vehicles.
 
         Their speeds may be nearly the same, and far away their ranges look the same.  Only what
         something static separates from the edge of the front counts, and only vehicles in the
@@ -186,11 +188,13 @@ class Spacing:
         return left_m - right_m <= beside.most_m
 
     def _is_seen_beside(self, lane: str, one: Place, other: Place) -> bool:
-        """Return whether a vehicle in a next lane may be seen beside a front."""
+        """Return whether a vehicle in a next lane may be seen beside a front nearer or farther."""
         if self._is_oncoming(lane, other):
             return False
         farther_m, across_m = self._farther(lane, other, one)
+        ahead = self._ahead(lane, one)  # tracks are predicted to places behind the cameras, too
         return (_APART_M[0] < abs(farther_m) < _APART_M[1]
+                and other.centre_m @ ahead / (one.centre_m @ ahead) > _NEAREST
                 and abs(across_m) > other.half_m + _CLEAR_M)
 
     def _farther(self, lane: str, one: Place, other: Place) -> tuple[float, float]:

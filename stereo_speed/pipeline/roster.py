@@ -18,6 +18,7 @@ _APART = 2.0  # in distances of duplicates; a solution moves a predicted place b
 # two side by side, further than it is wide.
 _SHORTEST_M = 2.0
 _NARROWEST_M = 0.8
+_INSIDE = 0.9  # share of a front's half width; no other vehicle's middle is seen within it
 
 
 class Roster:
@@ -95,13 +96,13 @@ class Roster:
                 and not track.ended]
         ended = [
             track for track, last, at_m in sure if track.tracker.track not in published and any(
-                _is_within(at_m, last, other_m) for other, _, other_m in sure
+                _is_within(at_m, last, other_m, other_last) for other, other_last, other_m in sure
                 if other is not track)]
         self.tracks = [track for track in self.tracks if track not in ended]
         return ended
 
 
-def _is_within(at_m: Array, update: TrackUpdate, other_m: Array) -> bool:
+def _is_within(at_m: Array, update: TrackUpdate, other_m: Array, other: TrackUpdate) -> bool:
     """
     Return whether a front lies where the vehicle of another one is.
 
@@ -111,7 +112,17 @@ def _is_within(at_m: Array, update: TrackUpdate, other_m: Array) -> bool:
     :param at_m: (3,) its place.
     :param update: the newest update of its track.
     :param other_m: (3,) place of the other front.
+    :param other: the newest update of the other front's track.
     """
     ahead, beside = (at_m - other_m) @ update.axes[:, :2]
     farther = ahead if at_m @ update.axes[:, 0] > 0 else -ahead
-    return bool(0 < farther < _SHORTEST_M and abs(beside) < _NARROWEST_M)
+    return bool(0 < farther < _SHORTEST_M
+                and (abs(beside) < _NARROWEST_M or _is_seen_inside(update, other)))
+
+
+def _is_seen_inside(update: TrackUpdate, other: TrackUpdate) -> bool:
+    """Return whether the middle of a front is seen well inside of another front of its pair."""
+    mine, others = (one.quad_left_px[:, 0] for one in (update, other))
+    left, right = float(others.min()), float(others.max())
+    off = abs(float(mine.min() + mine.max()) - (left + right)) / 2
+    return update.stamp_ns == other.stamp_ns and off < _INSIDE * (right - left) / 2

@@ -14,16 +14,21 @@ from .wander import Wander
 from .wander_search import log_probability
 
 _RIVAL = 5e-3  # least odds of a rival family against the best one
+_SAME = 0.01  # gain below which two roads of one family are the same but for rounding
 
 
 def either(one: RoadFit, other: RoadFit) -> RoadFit:
-    """Return the more probable one of two roads, with the other one among its rivals."""
+    """
+    Return the more probable one of two roads, with rivals of both and the other one among them.
+
+    Each family counts once.  Of two roads of one family, about as probable, it is the first.
+    """
     gain = log_probability(other) - log_probability(one)
-    best, other = (other, one) if gain > 0 else (one, other)
+    same = _family(one) == _family(other)
+    best, rest = (other, one) if gain > (_SAME if same else 0.0) else (one, other)
     odds = float(np.exp(-abs(gain)))
-    rivals = [*best.rivals, *((odds * share, fit) for share, fit in ((1.0, other), *other.rivals))]
-    families = {_family(best)}  # both may have the same rivals
-    kept = []
+    rivals = [*best.rivals, (odds, rest), *((odds * share, fit) for share, fit in rest.rivals)]
+    families, kept = {_family(best)}, []
     for share, fit in sorted(rivals, key=lambda rival: -rival[0]):
         if share > _RIVAL and _family(fit) not in families:
             families.add(_family(fit))
@@ -32,6 +37,7 @@ def either(one: RoadFit, other: RoadFit) -> RoadFit:
 
 
 def _family(fit: RoadFit) -> tuple[RoadShape, bool]:
+    """Return what tells roads of two families apart: their shapes, and whether lines wander."""
     return fit.problem.model.shape, fit.problem.wander is None
 
 

@@ -80,7 +80,7 @@ def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
 def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
               drift: Optional[DriftPrior], prior: RoadPrior, most: int) -> RoadFit:
     """
-    Fit roads until one reaches its picks and agrees with them; return that of greatest evidence.
+    Fit roads until one reaches its picks and one agrees; return that of greatest evidence.
 
     The initial guess lies in a plane, which may intersect the rays of far picks too early and so
     be too short: longer roads are tried.  Or the plane is wrong, as curves through the picks of
@@ -147,16 +147,25 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
         shape = fit.problem.model.shape
         fits.append(reshaped(fit, shape._replace(tilt=2) if shape.curvature
                              else shape._replace(vertical=2)))
-    # From bends without a crest the search goes on with more and more coefficients of curvature
-    # and crossfall, which explain a crest in part.
-    crests = [crest for fit in fits if fit.problem.model.shape.tilt for crest in _over_crest(fit)]
-    return either(_search(fits, most), _search(crests, most))
+    found = _search(fits, most)
+    if not found.problem.model.shape.curvature:
+        return found
+    # The search goes on from its best road only.  In a bend without a crest that is one with more
+    # and more coefficients of curvature and crossfall, which explain a crest in part.
+    with suppress(NoRoadError, np.linalg.LinAlgError):  # the picks give no bend over a crest
+        return either(found, _search(_over_crests(fits), most))
+    return found
 
 
-def _over_crest(fit: RoadFit) -> list[RoadFit]:
-    """Fit the family of a road with a crest or sag, as a parabola and as built."""
-    parabola = reshaped(fit, fit.problem.model.shape._replace(vertical=2))
-    return [parabola, *(rebuilt(parabola, one) for one in as_built(parabola.problem.model.shape))]
+def _over_crests(fits: list[RoadFit]) -> list[RoadFit]:
+    """Fit bends with a crest or sag, as a polynomial and as built, starting from plane ones."""
+    out = []
+    for fit in fits:
+        shape = fit.problem.model.shape
+        if shape.tilt:
+            wavy = reshaped(fit, shape._replace(vertical=2))
+            out += [wavy, *(rebuilt(wavy, one) for one in as_built(wavy.problem.model.shape))]
+    return out
 
 
 def _search(fits: list[RoadFit], most: int) -> RoadFit:

@@ -160,8 +160,10 @@ def beside(near_m=0.35, most_m=1.7, left=True):
     ([(2.2, 44.9, 0.8), (4.2, 34.5, 0.9)], 0.35, 0.875),
     ([(3.0, 22.0, 0.9)], 0.35, 2.30),  # nearer; its rear is at 2.1 * 30 / 28 m
     ([(3.0, 20.0, 1.0)], 0.35, 1.63),  # 2 * 30 / 38 m
-    ([(3.0, 14.0, 1.0)], 0.35, 2.67),  # so much nearer that it is seen below
-    ([(4.0, 24.0, 0.9)], 0.35, 2.67),  # what moves is not as far from the front as it
+    ([(3.0, 22.0, 0.9)], 0.70, 2.67),  # nothing static at the edge of the front
+    ([(3.0, 14.0, 1.0)], 0.35, 2.67),  # too much nearer
+    ([(3.0, 28.0, 0.9)], 0.35, 2.67),  # too little
+    ([(4.0, 24.0, 0.9)], 0.35, 2.67),  # seen beyond what moves
     ([(4.0, 32.0, 0.9)], 0.35, 2.67),  # side by side
     ([(1.8, 40.0, 0.9)], 0.35, 2.67),  # in the lane of the front
     ([(4.0, 46.0, 1.0)], 0.35, 2.67)])  # so far beyond it that it is seen above it
@@ -178,6 +180,15 @@ def test_vehicles_in_the_next_lane_are_no_part_of_a_narrow_front(
     left = side * sense < 0  # x is to the left of what approaches
     assert [spacing.stands_alone('lane', front, beside(near_m, width_m + more_m, left), places)
             for more_m in (-0.02, 0.02)] == [False, True]
+
+
+@pytest.mark.parametrize('z_m', [-1.0, 0.0, 1.0])
+def test_vehicle_that_has_passed_the_cameras_is_not_seen_beside_a_front(z_m):
+    """Tracks are predicted beyond the view for a while."""
+    spacing = Spacing({'lane': lane_of(-1.0)}, SpacingConfig())
+    front = Place(np.array([0.0, 2.0, 12.0]), 0.35, 'lane')
+    gone = Place(np.array([3.0, 2.0, z_m]), 0.9, 'lane')
+    assert not spacing.stands_alone('lane', front, beside(), [gone])
 
 
 def test_next_lane_of_a_bend_is_found_by_the_offsets_from_the_path():

@@ -14,6 +14,7 @@ from stereo_speed.lab.evaluation.roads import draw_road
 from stereo_speed.lab.reference.straight_path import straight_path
 from stereo_speed.lab.sim.scene import SimScene
 from stereo_speed.lab.sim.sequence import picked_site
+from stereo_speed.road import fit as fit_module
 from stereo_speed.road.evidence import log_evidences
 from stereo_speed.road.first_guess import guess_road
 from stereo_speed.road.fit import fit_road, OVERREACH
@@ -428,13 +429,24 @@ def test_vertical_curve_is_found_as_built(make_scene, begin_m, end_m, change):
     (-0.005, 0.025, -0.036, 10, 80), (-0.011, 0.024, -0.039, 10, 80), (0.01, 0.03, -0.05, 30, 70),
     (0.007, -0.03, 0.05, 10, 80)], ids=['crest', 'sharp bend', 'short crest', 'sag'])
 def test_bend_over_a_crest_is_found_as_built(make_scene, curvature, grade, change, begin_m, end_m):
-    """Crossfall and curvature that change many times explain it too; what ends early hides it."""
+    """Crossfall and curvature that change many times explain it too."""
     rig, rng = make_scene().rig, np.random.default_rng(1)
     fit = fit_road(rig, *crest_picks(rig, rng, begin_m, end_m, change, grade=grade,
                                      curvature=curvature))
     shape = fit.problem.model.shape
     assert shape == RoadShape(shape.curvature, tilt=2, vertical_curve=3) and shape.curvature < 3
     assert np.abs(fit.feet.residual_px).max() < 5 * 0.02
+
+
+def test_bend_is_fitted_though_none_over_a_crest_can_be(make_scene, monkeypatch):
+    def fail(*_):
+        raise np.linalg.LinAlgError('Singular matrix')
+    scene = make_scene(curvature=1 / 60)
+    wanted = fit_road(scene.rig, scene.lines)
+    monkeypatch.setattr(fit_module, '_over_crests', fail)
+    fit = fit_road(scene.rig, scene.lines)
+    assert fit.problem.model.shape == wanted.problem.model.shape
+    np.testing.assert_allclose(fit.x, wanted.x)
 
 
 def test_road_ends_beyond_far_picks_that_lie_astray(make_scene):
