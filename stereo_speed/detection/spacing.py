@@ -193,8 +193,8 @@ class Spacing:
             return False
         farther_m, across_m = self._farther(lane, other, one)
         ahead = self._ahead(lane, one)  # tracks are predicted to places behind the cameras, too
-        return (_APART_M[0] < abs(farther_m) < _APART_M[1]
-                and other.centre_m @ ahead / (one.centre_m @ ahead) > _NEAREST
+        share = float(other.centre_m @ ahead) / float(one.centre_m @ ahead)
+        return (_APART_M[0] < abs(farther_m) < _APART_M[1] and share > _NEAREST
                 and abs(across_m) > other.half_m + _CLEAR_M)
 
     def _farther(self, lane: str, one: Place, other: Place) -> tuple[float, float]:
