@@ -142,6 +142,33 @@ def test_refusals(scene):
             lane_paths(site_of(lines), scene.rig)
 
 
+def over_crest(rig, left_m, rng):
+    """Return clicks on a line of a bend of 95 m radius whose grade falls from 4 to -2 %."""
+    s = np.linspace(0.0, 85.0, 8501)
+    grade = 0.0375 - 0.0604 * np.clip((s - 10.0) / 70.0, 0, 1)
+    turn = 0.0105 * (s - 60.0)
+    height, ahead, aside = (0.01 * (np.cumsum(rate) - np.sum(rate))
+                            for rate in (grade, np.cos(turn), np.sin(turn)))
+    points = np.stack([left_m * np.cos(turn) - 3.0 + aside, 5.0 - height,
+                       7.0 - ahead + left_m * np.sin(turn)], axis=-1)
+    left, right, *seen = rig.project(points)
+    views = []
+    for view, inside in zip((left, right), seen):
+        at = np.flatnonzero(inside)
+        some = at[np.linspace(0, len(at) - 1, 14).astype(int)]
+        views.append(view[some] + rng.normal(0, 0.3, (14, 2)))
+    return tuple(views)
+
+
+@pytest.mark.parametrize('seed', [3, 4, 5])
+def test_picks_beyond_a_crest_are_in_order(scene, seed):
+    """The road that fits the clicks may end before them, and all of them lie at its end."""
+    rng = np.random.default_rng(seed)
+    lines = {name: over_crest(scene.rig, left_m, rng) for name, left_m in (
+        ('edge_right', -1.75), ('line_0', 1.75), ('edge_left', 5.25))}
+    assert len(lane_paths(site_of(lines), scene.rig)) == 2
+
+
 def test_what_a_site_says_of_the_errors_of_a_path_adds_in_squares(scene):
     site = site_of(scene.lines)
     doubted = replace(site, lanes=(replace(site.lanes[0], path_std=0.03), *site.lanes[1:]))
