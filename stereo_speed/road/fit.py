@@ -121,18 +121,19 @@ def _farthest_m(fit: RoadFit) -> float:
 
 
 def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: Picks,
-                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, hints: Hints
-                  ) -> RoadFit:
+                  drift: Optional[DriftPrior], prior: RoadPrior, most: int, hints: Hints,
+                  shown: bool = False) -> RoadFit:
     """
     Fit one road from guesses; the other arguments are those of :func:`fit_road`.
 
     :param most: largest number of curvature coefficients.
     :param hints: hints for the guesses.
+    :param shown: whether the picks show a crest in a bend, as only precise ones do.
     """
     if picks.are_precise(prior):
         # With precise picks the cost has many local minima; fit with the 1-sigma of clicks first.
         clicks = Picks.of(lines, None, prior.pick_std_px)
-        near = _from_guesses(rig, lines, clicks, drift, prior, most, hints)
+        near = _from_guesses(rig, lines, clicks, drift, prior, most, hints, shown=True)
         return _from_near(near, RoadProblem(rig, picks, near.problem.model, drift, prior), most)
     rotated = np.zeros(0) if drift is None else drift.mean_rad
     fits = []
@@ -148,7 +149,7 @@ def _from_guesses(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], pick
         fits.append(reshaped(fit, shape._replace(tilt=2) if shape.curvature
                              else shape._replace(vertical=2)))
     found = _search(fits, most)
-    if not found.problem.model.shape.curvature:
+    if not (shown and found.problem.model.shape.curvature):
         return found
     # The search goes on from its best road only.  In a bend without a crest that is one with more
     # and more coefficients of curvature and crossfall, which explain a crest in part.

@@ -441,10 +441,12 @@ def test_bend_over_a_crest_is_found_as_built(make_scene, curvature, grade, chang
 def test_bend_is_fitted_though_none_over_a_crest_can_be(make_scene, monkeypatch):
     def fail(*_):
         raise np.linalg.LinAlgError('Singular matrix')
-    scene = make_scene(curvature=1 / 60)
-    wanted = fit_road(scene.rig, scene.lines)
+    scene = make_scene(curvature=1 / 60, std_px=0.02)
+    std_px = {name: tuple(np.full(len(view), 0.02) for view in views)
+              for name, views in scene.lines.items()}
+    wanted = fit_road(scene.rig, scene.lines, std_px)
     monkeypatch.setattr(fit_module, '_over_crests', fail)
-    fit = fit_road(scene.rig, scene.lines)
+    fit = fit_road(scene.rig, scene.lines, std_px)
     assert fit.problem.model.shape == wanted.problem.model.shape
     np.testing.assert_allclose(fit.x, wanted.x)
 
