@@ -34,6 +34,7 @@ NODES = 81  # number of nodes along the reference line
 # and change of grade, rad.
 VERTICAL_CURVE = 3
 _OVERHANG = 1.1  # distance of the last node from the middle, in half lengths of the road
+_SHORTEST = 1e-6  # least length of a vertical curve, in half lengths of the road
 # Initial vertical curves: number of middles along the seen stretch, and lengths as shares of it.
 _MIDDLES, _LENGTHS = 21, np.geomspace(0.1, 1, 9)
 
@@ -294,6 +295,7 @@ def _ramp(u: Array, middle: Array, length: Array) -> Array:
     :param length: (..., 1) length of the curve.
     """
     half = _OVERHANG / (NODES - 1)
+    length = np.maximum(length, _SHORTEST)  # a search may try one of no length at all
 
     def area(places: Array) -> Array:
         """Return the integral of a ramp from 0 to 1 up to places."""
