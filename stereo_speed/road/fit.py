@@ -71,6 +71,11 @@ def fit_road(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]],
     return _reaching(rig, lines, picks, drift, prior, most)
 
 
+def reach_m(fit: RoadFit) -> float:
+    """Return up to which distance from its middle, along it, a road is known, m."""
+    return OVERREACH * float(fit.problem.model.s_m[-1])
+
+
 def _from_near(near: RoadFit, problem: RoadProblem, most: int) -> RoadFit:
     """Fit a road from an approximate one; ``most`` as for :func:`_reaching`."""
     fit = same_family(near, problem)
@@ -105,7 +110,7 @@ def _reaching(rig: StereoRig, lines: Mapping[str, tuple[Array, Array]], picks: P
 
 def _reaches(fit: RoadFit) -> bool:
     """Return whether a road is long enough for its picks."""
-    return _farthest_m(fit) < OVERREACH * float(fit.problem.model.s_m[-1])
+    return _farthest_m(fit) < reach_m(fit)
 
 
 def _agrees(fit: RoadFit) -> bool:

@@ -18,7 +18,7 @@ from ..geometry.camera import Camera
 from ..geometry.rig import StereoRig
 from ..road.curve_matching import match_curves
 from ..road.first_guess import NoRoadError
-from ..road.fit import fit_road, OVERREACH
+from ..road.fit import fit_road, reach_m
 from ..road.fitted import RoadFit
 from ..road.lanes import lane_of_paths, lane_of_road, LanePath
 from ..road.path import CAMERA_UP, Path, SplinePath
@@ -235,7 +235,7 @@ def _check_fit(site: Site, fit: RoadFit, names: tuple[str, ...]) -> None:
             rows = picks.of_line(number, bool(right))
             apart = np.linalg.norm(np.diff(picks.uv_px[rows], axis=0), axis=-1)
             at_m = fit.feet.s_m[rows]
-            known = np.abs(at_m) < OVERREACH * float(fit.problem.model.s_m[-1])
+            known = np.abs(at_m) < reach_m(fit)
             back = (np.diff(at_m) <= 0) & (apart > _SAME_PX) & (known[1:] | known[:-1])
             # Where a crest hides the road its length, and so the order of picks, is not known.
             # Points found in the images are in order, but may not appear so at a crest.
