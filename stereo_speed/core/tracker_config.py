@@ -76,6 +76,9 @@ class NoiseConfig(CheckedRecord):
     blur_doubt: float = parameter(
         0.3, 0.0, 3.0, '', 'share of the change of speed with blur that adds to the 1-sigma of a '
         'pass, fitted to the errors of passes out of focus; 0 adds nothing')
+    band_share: float = parameter(
+        0.5, 0.0, 1.0, '', 'share of the variance by which the bands of a front disagree on its '
+        'speed, beyond what the fit explains, that adds to the 1-sigma of a pass; 0 adds nothing')
     start_std_px: float = parameter(
         0.15, 0.01, 5.0, 'px', '1-sigma of the depth of the first particles, as disparity')
 

@@ -9,7 +9,7 @@ hundredths of a pixel, so these use the exact lens model and cubic B-splines.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple, Optional, Sequence
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .front import Front, plane_points
-from .observation_kernels import Spread, spread, Views, views
+from .observation_kernels import normalised_change, Spread, spread, Views, views
 from .relief import relief_basis
 from .sharpness import grown_blurs_px
 from ..core.records import Array, StereoPair
@@ -42,6 +42,8 @@ _SPOT_PX = 3  # least width and height of a lamp; smaller highlights do not ligh
 _LEVEL_RANGE = 0.2  # range of levels, of full scale, over which surroundings become glare
 _GLARE_REACH = 2.0  # its width beyond the reach, in half widths of the clipped area
 _DEEPER = math.sqrt(2)  # factor from one to the next distance from the edge of a clipped area
+_LEAST_OUTLINE = 1e-6  # length of outlines below which a part of a front has none
+_LEAST_CONTRAST = 1e-6  # standard deviation below which a part of a patch has none
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,31 @@ class Observation:
     def cross_ncc(self) -> float:
         """Return the correlation of its two patches."""
         return float(self.patches[0] @ self.patches[1] / self.patches.shape[1])
+
+    def part(self, which: NDArray[np.bool_]) -> Observation:
+        """
+        Return the observation of a part of the front.
+
+        Its grey values keep the mean and the scale of the whole front.
+
+        :param which: (G,) its samples.
+        """
+        def of(values: Array) -> Array:
+            return np.compress(which, values, axis=-1)  # contiguous, as kernels take it
+        patches = of(self.patches)
+        alike = _standardised(patches)
+        outlines = normalised_change(of(self.outlines)[:, None], alike)[:, 0]
+        outlines /= np.maximum(np.linalg.norm(outlines, axis=1, keepdims=True), _LEAST_OUTLINE)
+        jacobian = normalised_change(of(self.jacobian), alike)
+        along = np.einsum('vcg,vg->vc', jacobian, outlines)
+        return replace(
+            self, patches=patches, outlines=outlines,
+            jacobian=jacobian - along[:, :, None] * outlines[:, None],
+            relief_jacobian=of(self.relief_jacobian), glare=of(self.glare),
+            by_blur=normalised_change(of(self.by_blur)[:, None], alike)[:, 0],
+            apart_jacobian=normalised_change(
+                of(self.apart_jacobian), _standardised(patches.mean(axis=0))),
+            apart_relief=of(self.apart_relief), pixels=self.pixels * float(which.mean()))
 
 
 class _Crop(NamedTuple):
@@ -254,6 +281,12 @@ class ObservationSampler:
         glare = _glare(crop, clipped, white, self.noise)
         return _Crop(_blurred(crop, sigma), _blurred(near, sigma),
                      _NOTHING if glare is None else _blurred(glare, sigma), origin)
+
+
+def _standardised(patches: Array) -> Array:
+    """Return patches (..., G) with zero mean and unit variance, or 0 without contrast."""
+    off = patches - patches.mean(axis=-1, keepdims=True)
+    return np.asarray(off / np.maximum(off.std(axis=-1, keepdims=True), _LEAST_CONTRAST))
 
 
 def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:

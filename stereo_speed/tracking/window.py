@@ -19,12 +19,15 @@ import math
 from typing import Optional, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .band_agreement import all_but_one, error_scale, PartSpeed
 from .blur_doubt import doubt_of_blur
 from .clock_step import clock_was_set, ClockWatch
 from .hypotheses import Hypothesis, of_kin
 from .keyframes import Keyframe, least_gap, Window
-from .motion_prior import headings, lateral_rates, PassMotion, PassMotions, StateIndex
+from .motion_prior import (
+    headings, Indices, lateral_rates, PassMotion, PassMotions, StateIndex)
 from .observation import Observation, ObservationSampler
 from .photometry import views_agree
 from .posterior import Posterior, SolvedPass
@@ -209,17 +212,49 @@ class PhotometricWindow:
         if unshown:
             return self._begun_at(window, unshown)._solved(window.since(unshown))
         # The choice of observations that this answer rests on, in case it has not converged.
-        window, at = replace(window, occluded_ns=occluded_ns), window.index
-        covariance = self._solver.solve(
-            window, self._solver.hypotheses, self.motions.exact).covariance
-        doubt = self._doubt_of_blur(window, posterior)
-        posterior = replace(posterior, covariance=posterior.covariance + doubt)
-        of_speeds = doubt[3::4, 3::4]
+        window = replace(window, occluded_ns=occluded_ns)
+        exact = self._solver.solve(window, self._solver.hypotheses, self.motions.exact)
+        at = window.index
+        states = np.column_stack([at.poses, at.speeds]).ravel()
+        matching = _given_heading(exact.covariance, at, states)
+        added = (self._band_scale(window, exact, matching[3::4, 3::4]) - 1) * matching \
+            + self._doubt_of_blur(window, posterior)
         return SolvedPass(
-            posterior, occluded_ns, covariance[np.ix_(at.speeds, at.speeds)] + of_speeds,
-            _given_heading(covariance, at) + of_speeds,
+            replace(posterior, covariance=posterior.covariance + added), occluded_ns,
+            exact.covariance[np.ix_(at.speeds, at.speeds)] + added[3::4, 3::4],
+            (matching + added)[3::4, 3::4],
             clock_was_set(window, self._solver, self.motions.assumed, self.gaps),
             math.hypot(self.config.noise.match_floor_px, window.more_px))
+
+    def _band_scale(self, window: Window, exact: Solution, covariance: Array) -> float:
+        """
+        Return the factor on the covariance of matching, by how well bands of the front agree.
+
+        :param exact: the solution of the pass for exact stamps.
+        :param covariance: (n, n) that of its speeds if the path's heading were known.
+        """
+        share = self.config.noise.band_share
+        if not share:
+            return 1.0
+        likely = [h for h, w in zip(self._solver.hypotheses, exact.weights) if w > NEGLIGIBLE]
+        return error_scale(float(covariance.mean()), [
+            self._speed_of_part(which, window, likely)
+            for which in all_but_one(self.sampler.grid_shape)], share)
+
+    def _speed_of_part(self, which: NDArray[np.bool_], window: Window,
+                       hypotheses: Sequence[Hypothesis]) -> PartSpeed:
+        """
+        Return the mean speed of a pass by a part of the front, to first order.
+
+        :param which: (G,) samples of the part.
+        """
+        part, at = replace(window, keyframes=tuple(
+            Keyframe(k.pair, k.observation.part(which)) for k in window.keyframes)), window.index
+        solution = Solver(self.sampler.relief_basis[which], self.config).solve(
+            part, hypotheses, self.motions.exact)
+        return PartSpeed(
+            float(solution.mean[at.speeds].mean()),
+            float(_given_heading(solution.covariance, at, at.speeds).mean()))
 
     def _begun_where_shown(self) -> Optional[Posterior]:
         """
@@ -441,9 +476,9 @@ def _shifts_px(window: Window, rates: Array, heading: Array) -> Array:
         + per_m[:, 1, 1] * between_m[1]))
 
 
-def _given_heading(covariance: Array, at: StateIndex) -> Array:
-    """Return the covariance (n, n) of the speeds if the path's heading were known."""
-    shared = covariance[np.ix_(at.speeds, at.heading_error)]
+def _given_heading(covariance: Array, at: StateIndex, which: Indices) -> Array:
+    """Return the covariance (k, k) of some unknowns (k,) if the path's heading were known."""
+    shared = covariance[np.ix_(which, at.heading_error)]
     error = covariance[np.ix_(at.heading_error, at.heading_error)]
-    return np.asarray(covariance[np.ix_(at.speeds, at.speeds)]
+    return np.asarray(covariance[np.ix_(which, which)]
                       - shared @ np.linalg.solve(error, shared.T))

@@ -48,10 +48,12 @@ class TexturedFront:
 
     :param seed: of the texture.
     :param noise: 1-sigma of the images' noise, grey levels.
+    :param mirrors: growth of what all but the upper quarter mirrors, per metre travelled.
     """
 
     seed: int = 0
     noise: float = 1.0
+    mirrors: float = 0.0
     rig = StereoRig(left=_camera('left'), right=_camera('right'), R=np.eye(3),
                     t=np.array([-BASELINE_M, 0, 0]), frame_id='left')
     path = StraightPath(np.array([0.0, 2.0, FAR_M]), np.array([0.0, 0.0, -1.0]), 50.0)
@@ -79,7 +81,8 @@ class TexturedFront:
         y = -(v * depth + from_centre[1])
         on_front = (np.abs(x) < HALF_M[0]) & (np.abs(y) < HALF_M[1])
         grey = 100.0 + self.noise * rng.standard_normal(u.shape)
-        grey[on_front] += self.texture(x[on_front], y[on_front]) - 100.0
+        size = 1 + np.where(y < HALF_M[1] / 2, self.mirrors, 0.0) * (s - 20.0)
+        grey[on_front] += self.texture((x / size)[on_front], (y / size)[on_front]) - 100.0
         return np.clip(np.rint(16 * grey), 0, 65535).astype(np.uint16)
 
     def pair(self, index, stamp_ns, pose, *, heading_rad=0.0, right_ns=None, right_pose=None):

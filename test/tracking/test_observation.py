@@ -269,3 +269,31 @@ def test_change_by_blur_is_that_of_a_little_gaussian_blur(clear, sigma_px):
             (soft.patches[view] - sharp.patches[view])[None], sharp.patches[view])[0]
         wanted = sharp.by_blur[view]
         assert change @ wanted > 0.97 * np.linalg.norm(change) * np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize('lit', [False, True])
+def test_part_is_normalised_like_a_front_of_its_own(clear, pair, lit):
+    """Removing gain and level twice changes nothing, so the whole as a part is the whole."""
+    seen = observe(sampler_of(clear), with_lamp(clear, 4.0) if lit else pair)
+    whole = seen.part(np.ones(640, dtype=bool))
+    for field in ('patches', 'jacobian', 'relief_jacobian', 'outlines', 'by_blur',
+                  'apart_jacobian', 'apart_relief', 'pixels'):
+        np.testing.assert_allclose(getattr(whole, field), getattr(seen, field), atol=1e-3)
+    assert seen.outlines.any() == lit
+    which = np.arange(640) % 40 >= 10
+    part = seen.part(which)
+    assert part.pixels == pytest.approx(0.75 * seen.pixels)
+    np.testing.assert_array_equal(part.patches, seen.patches[:, which])
+    np.testing.assert_array_equal(part.relief_jacobian, seen.relief_jacobian[:, which])
+    along = [np.ones_like(part.patches), part.patches, part.outlines]
+    for other in along:
+        np.testing.assert_allclose(np.einsum('vcg,vg->vc', part.jacobian, other), 0, atol=1e-6)
+    assert np.linalg.norm(part.outlines, axis=1) == pytest.approx([float(lit)] * 2)
+
+
+def test_part_without_contrast_is_finite(clear):
+    seen = observe(sampler_of(clear), with_lamp(clear, 4.0))
+    grey = np.arange(640) < 320
+    part = replace(seen, patches=np.where(grey, 0.5, seen.patches)).part(grey)
+    for values in (part.jacobian, part.outlines, part.by_blur, part.apart_jacobian):
+        assert np.isfinite(values).all() and np.abs(values).max() < 1e3

@@ -537,3 +537,69 @@ def test_live_readings_doubt_a_clock_that_was_set_forward(
         textured, textured_drive, missing=missing, set_forward=set_forward, told=True)
     assert (window.clock.doubtful, window.clock.step) == (
         (True, gap) if set_forward else (False, None))
+
+
+def solved_with(front, pairs, poses, share, *, stamp_std_s=None):
+    """Return a pass solved with a share of what its bands disagree by."""
+    window = window_of(front, poses[0], TrackerConfig(noise=NoiseConfig(band_share=share)))
+    feed(window, pairs, poses)
+    if stamp_std_s is not None:
+        window.doubt_stamps(stamp_std_s)
+    return window.solve_pass()
+
+
+@pytest.fixture(scope='module')
+def mirroring(textured):
+    """
+    Return what most of a front mirrors: it grows by 0.2 % a metre more than the front does.
+
+    The passes solved without and with the agreement of its bands come after front and drive.
+    """
+    front = replace(textured, mirrors=0.002)
+    drive = front.drive()
+    return (front, drive, *(solved_with(front, *drive, share) for share in (0.0, 0.5)))
+
+
+def test_sigma_tells_that_bands_of_a_front_disagree(mirroring):
+    """By the fit alone the speed is more than 5 sigma off."""
+    _, _, by_fit, by_bands = mirroring
+    off, off_too = (solved.posterior.mean[:, 3].mean() - MPS for solved in (by_fit, by_bands))
+    assert off == off_too
+    fit, bands = ([np.array(c) for c in (
+        solved.posterior.covariance[3::4, 3::4], solved.exact_stamps, solved.exact_path)]
+        for solved in (by_fit, by_bands))
+    assert abs(off) > 5 * np.sqrt(fit[0].mean())
+    assert abs(off) < 3 * np.sqrt(bands[0].mean())
+    # All of it is matching; the rest of the budget is as before.
+    for one, other in zip(fit[:2], bands[:2]):
+        np.testing.assert_allclose(other - bands[2], one - fit[2], atol=1e-9)
+
+
+def test_covariance_of_disagreeing_bands_is_one(mirroring):
+    """It is symmetric and positive, with stamps that are doubted too."""
+    front, (pairs, poses), _, by_bands = mirroring
+    doubted = solved_with(front, pairs, poses, 0.5, stamp_std_s=0.003)
+    for solved in (by_bands, doubted):
+        covariance = solved.posterior.covariance
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert np.isfinite(solved.posterior.ground_stds()).all()
+
+
+@pytest.mark.parametrize('count', [1, 2, 4, 12])
+def test_bands_that_agree_leave_the_sigma(textured, count):
+    """Errors that all bands share do not show, those of a prior most of all."""
+    drive = textured.drive(count)
+    by_fit, by_bands = (solved_with(textured, *drive, share) for share in (0.0, 0.5))
+    np.testing.assert_array_equal(by_fit.posterior.mean, by_bands.posterior.mean)
+    for one, other in ((by_fit.exact_path, by_bands.exact_path),
+                       (by_fit.posterior.covariance, by_bands.posterior.covariance)):
+        assert one.trace() <= other.trace() < 1.2 * one.trace()
+
+
+def test_bands_are_compared_where_the_views_have_two_stamps(textured):
+    """One of the pairs is behind a post."""
+    pairs, poses = exposed_apart(textured, [0.02] * 12)[:2]
+    solved = solved_with(textured, [pairs[0], behind_a_post(pairs[1]), *pairs[2:]], poses, 1.0)
+    speeds = solved.posterior.covariance[3::4, 3::4]
+    assert abs(solved.posterior.mean[:, 3].mean() - MPS) < 4 * np.sqrt(speeds.mean()) < 1.0
