@@ -499,7 +499,7 @@ CASES: dict[str, Case] = {
     'noise.glare_level': Case('glare', 10.0), 'noise.glare_floor_px': Case('glare', 0.0),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),
-    'noise.blur_doubt': Case('blurred', 0.0), 'noise.band_share': Case('passing', 0.0),
+    'noise.blur_doubt': Case('blurred', 0.0), 'noise.band_share': Case('glare', 0.0),
     'verdict.lane_hysteresis_m': Case('crossing', 0.0),
     'effort.live_observations': Case('passing', 4),
     'effort.pass_observations': Case('passing', 4, {'effort.live_observations': 4}),
