@@ -12,6 +12,7 @@ changes nothing. A failed look is repeated after a minute.
 """
 from __future__ import annotations
 
+from functools import partial
 import threading
 import time
 from typing import Any, Callable, Optional
@@ -35,11 +36,12 @@ class RigWatch:
 
     :param p: declares the parameters.
     :param log: logger of the node.
-    :param make: starts the process of a look; may raise OSError.
+    :param make: starts the process of a look; may raise OSError.  None starts one of the niceness
+        that the parameters say.
     :param clock: steady time, s.
     """
 
-    def __init__(self, p: Parameters, log: Any, make: Callable[[], LookProcess] = LookProcess,
+    def __init__(self, p: Parameters, log: Any, make: Optional[Callable[[], LookProcess]] = None,
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.interval_s = p.get(
             'rig_check_interval_s', 600.0, 'interval of checks of lines and background, the first '
@@ -50,7 +52,11 @@ class RigWatch:
         self.pairs = p.get('rig_check_pairs', 9, 'number of pairs that such a check uses', 1, 100)
         self.spread_s = p.get('rig_check_spread_s', 20.0, 'time over which these pairs are '
                               'spread [s]', 0.0, 3600.0)
-        self.log, self._make, self._clock = log, make, clock
+        patience = p.get(
+            'rig_check_niceness', 10, 'niceness of the process of such a check: at 10 it leaves '
+            'nine tenths of a fully used core to measuring, at 0 it does not give way', 0, 19)
+        self._make = partial(LookProcess, patience) if make is None else make
+        self.log, self._clock = log, clock
         self.newest: Optional[RigState] = None
         self.looks, self.failure, self.corrected = 0, '', ''
         self._used: Optional[Stance] = None
@@ -176,7 +182,10 @@ class RigWatch:
         self.newest = found
         self._suspected = found.stance if found.is_off else None
         self._correction = self._suspected if found.confirmed else None
-        (self.log.error if found.is_off else self.log.info)(found.text)
+        if found.is_off:  # rclpy refuses another severity from the same place
+            self.log.error(found.text)
+        else:
+            self.log.info(found.text)
 
     def close(self) -> None:
         """Abort a look that is under way."""

@@ -24,9 +24,6 @@ from ..core.shared_pair import SharedPair
 from ..site.refine.rig_state import RigState, Stance
 
 _TURN_S = 5.0  # time-out of the pipe, whose messages are small
-# Niceness: measuring goes first, but a tenth of a fully used core is left; at 15 it was a
-# thirtieth.
-_PATIENCE = 10
 
 
 class LookProcessError(Exception):
@@ -48,10 +45,11 @@ class LookProcess(HelperProcess):
     """
     The process, for one look; see the module's docstring.
 
-    :param patience: niceness of the process.
+    :param patience: niceness of the process.  Of a fully used core, 10 takes a tenth and 15 a
+        thirtieth.
     """
 
-    def __init__(self, patience: int = _PATIENCE) -> None:
+    def __init__(self, patience: int) -> None:
         super().__init__('stereo_speed.pipeline.look_process', _TURN_S, patience)
         self._pairs: list[SharedPair] = []
 

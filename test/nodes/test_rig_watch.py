@@ -12,7 +12,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from stereo_speed.core.records import StereoPair  # noqa: E402, I100
+from rclpy.logging import get_logger  # noqa: E402, I100
+from stereo_speed.core.records import StereoPair  # noqa: E402
+from stereo_speed.nodes import rig_watch  # noqa: E402
 from stereo_speed.nodes.health import ERROR, OK, WARN  # noqa: E402
 from stereo_speed.nodes.rig_watch import RigWatch  # noqa: E402
 from stereo_speed.pipeline.config import SiteConfig  # noqa: E402
@@ -215,7 +217,7 @@ def test_process_killed_during_a_look_is_replaced_for_the_next():
     made = []
 
     def make():
-        made.append(LookProcess())
+        made.append(LookProcess(10))
         return made[-1]
     rig = watch(make)
     image, end_s = np.zeros((2, 2), np.uint8), time.monotonic() + LOOK_S
@@ -275,6 +277,22 @@ def test_rig_is_checked_unless_disabled():
     assert RigWatch(Given(), Log(), Brightness).interval_s == 600.0
 
 
+@pytest.mark.parametrize(('given', 'wanted'), [({}, 10), ({'rig_check_niceness': 3}, 3)])
+def test_process_of_a_check_gives_way_as_told(given, wanted, monkeypatch):
+    started = []
+
+    class Recorded(Brightness):
+        def __init__(self, patience):
+            started.append(patience)
+            super().__init__()
+    monkeypatch.setattr(rig_watch, 'LookProcess', Recorded)
+    rig = RigWatch(Given(**given), Log())
+    rig.begin(place(), SiteConfig())
+    image = np.zeros((2, 2), np.uint8)
+    rig.take(StereoPair(0, 0, 0, image, image))
+    assert started == [wanted]
+
+
 def test_changed_rig_is_checked_anew():
     rig = watch()
     looked(rig, 2)
@@ -306,3 +324,13 @@ def test_look_that_sees_nothing_is_no_fault_of_the_rig():
 ])
 def test_rig_is_off_only_beyond_its_uncertainty(share, std_share, turned, off):
     assert RigState(share, 'lane', '', std_share, turned).is_off == off
+
+
+def test_results_of_both_kinds_are_logged():
+    """The loggers of rclpy refuse two severities from one place in the code."""
+    rig = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0),
+                   get_logger('rig'), Brightness)
+    rig.begin(place(), SiteConfig())
+    for grey in (0, 2, 1, 2):
+        looked(rig, grey)
+        assert rig.withholds == (grey == 2) and not rig.failure

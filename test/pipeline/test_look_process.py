@@ -64,11 +64,12 @@ def test_result_equals_that_of_a_look_in_this_process(process, seen):
         here.text, here.share, here.std_share, here.turned)
 
 
-def test_process_runs_at_the_lowest_priority():
-    process = LookProcess()
+@pytest.mark.parametrize('patience', [0, 10])
+def test_process_runs_at_its_priority(patience):
+    process = LookProcess(patience)
     here, there = (os.getpriority(os.PRIO_PROCESS, pid) for pid in (0, process.process.pid))
     process.close(0.0)
-    assert there == min(here + 10, 19)
+    assert there == min(here + patience, 19)
 
 
 def test_failed_look_says_why(process, seen):
