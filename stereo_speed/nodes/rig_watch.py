@@ -53,8 +53,9 @@ class RigWatch:
         self.spread_s = p.get('rig_check_spread_s', 20.0, 'time over which these pairs are '
                               'spread [s]', 0.0, 3600.0)
         patience = p.get(
-            'rig_check_niceness', 10, 'niceness of the process of such a check: at 10 it leaves '
-            'nine tenths of a fully used core to measuring, at 0 it does not give way', 0, 19)
+            'rig_check_niceness', 10, 'niceness of the process of such a check, relative to the '
+            'node: at 10 it leaves nine tenths of a fully used core to measuring, at 0 it does '
+            'not give way', 0, 19)
         self._make = partial(LookProcess, patience) if make is None else make
         self.log, self._clock = log, clock
         self.newest: Optional[RigState] = None

@@ -45,8 +45,8 @@ class LookProcess(HelperProcess):
     """
     The process, for one look; see the module's docstring.
 
-    :param patience: niceness of the process.  Of a fully used core, 10 takes a tenth and 15 a
-        thirtieth.
+    :param patience: niceness relative to this process.  Of a fully used core, 10 takes a tenth
+        and 15 a thirtieth.
     """
 
     def __init__(self, patience: int) -> None:

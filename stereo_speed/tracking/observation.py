@@ -114,16 +114,16 @@ class Observation:
         def of(values: Array) -> Array:
             return np.compress(which, values, axis=-1)  # contiguous, as kernels take it
         patches = of(self.patches)
-        alike = _standardised(patches)
-        outlines = normalised_change(of(self.outlines)[:, None], alike)[:, 0]
+        normalised = _standardised(patches)
+        outlines = normalised_change(of(self.outlines)[:, None], normalised)[:, 0]
         outlines /= np.maximum(np.linalg.norm(outlines, axis=1, keepdims=True), _LEAST_OUTLINE)
-        jacobian = normalised_change(of(self.jacobian), alike)
+        jacobian = normalised_change(of(self.jacobian), normalised)
         along = np.einsum('vcg,vg->vc', jacobian, outlines)
         return replace(
             self, patches=patches, outlines=outlines,
             jacobian=jacobian - along[:, :, None] * outlines[:, None],
             relief_jacobian=of(self.relief_jacobian), glare=of(self.glare),
-            by_blur=normalised_change(of(self.by_blur)[:, None], alike)[:, 0],
+            by_blur=normalised_change(of(self.by_blur)[:, None], normalised)[:, 0],
             apart_jacobian=normalised_change(
                 of(self.apart_jacobian), _standardised(patches.mean(axis=0))),
             apart_relief=of(self.apart_relief), pixels=self.pixels * float(which.mean()))

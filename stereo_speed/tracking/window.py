@@ -237,9 +237,12 @@ class PhotometricWindow:
         if not share:
             return 1.0
         likely = [h for h, w in zip(self._solver.hypotheses, exact.weights) if w > NEGLIGIBLE]
-        return error_scale(float(covariance.mean()), [
-            self._speed_of_part(which, window, likely)
-            for which in all_but_one(self.sampler.grid_shape)], share)
+        try:
+            speeds = [self._speed_of_part(which, window, likely)
+                      for which in all_but_one(self.sampler.grid_shape)]
+        except np.linalg.LinAlgError:
+            return 1.0  # a pass that is solved must not be lost for this
+        return error_scale(float(covariance.mean()), speeds, share)
 
     def _speed_of_part(self, which: NDArray[np.bool_], window: Window,
                        hypotheses: Sequence[Hypothesis]) -> PartSpeed:

@@ -53,5 +53,8 @@ def test_jackknife_of_independent_bands_is_what_the_fit_explains():
     mean = np.mean([jackknife_variance(means) for means in without_each])
     # chi-squared with 3 degrees of freedom
     assert mean == pytest.approx(4 / BANDS, abs=4 * np.sqrt(2 / 3 / 4000))
-    lost = 4 / 3 - 4 / BANDS  # by each of them
-    assert (BANDS - 1) * lost == pytest.approx(4 / BANDS)
+    # Of a jackknife variance of 1, the fit explains all, and nothing beyond it.
+    spread = np.array([-1, 1, -1, 1]) / np.sqrt(3)
+    for factor, scale in ((1.0, 1.0), (2.0, 4.0), (0.5, 1.0)):
+        means = 20.0 + factor * spread
+        assert error_scale(4 / BANDS, speeds_of(means, 4 / 3), 1.0) == pytest.approx(scale)
