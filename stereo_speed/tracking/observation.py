@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .front import Front, plane_points
-from .observation_kernels import normalised_change, Spread, spread, Views, views
+from .observation_kernels import normalised_change, Spread, spread, Views, views, without
 from .relief import relief_basis
 from .sharpness import grown_blurs_px
 from ..core.records import Array, StereoPair
@@ -117,11 +117,9 @@ class Observation:
         normalised = _standardised(patches)
         outlines = normalised_change(of(self.outlines)[:, None], normalised)[:, 0]
         outlines /= np.maximum(np.linalg.norm(outlines, axis=1, keepdims=True), _LEAST_OUTLINE)
-        jacobian = normalised_change(of(self.jacobian), normalised)
-        along = np.einsum('vcg,vg->vc', jacobian, outlines)
         return replace(
             self, patches=patches, outlines=outlines,
-            jacobian=jacobian - along[:, :, None] * outlines[:, None],
+            jacobian=without(normalised_change(of(self.jacobian), normalised), outlines),
             relief_jacobian=of(self.relief_jacobian), glare=of(self.glare),
             by_blur=normalised_change(of(self.by_blur)[:, None], normalised)[:, 0],
             apart_jacobian=normalised_change(

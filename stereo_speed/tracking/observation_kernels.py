@@ -204,8 +204,7 @@ def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
         return patch, change, jacobian[::3], np.zeros_like(patch), by_blur
     outline = normalised_change(_between(np.hypot(*slopes) * near, at)[None], patch)[0]
     outline = outline / max(float(np.linalg.norm(outline)), _LEAST_OUTLINE)
-    return (patch, change - np.outer(change @ outline, outline), jacobian[::3], outline,
-            by_blur)
+    return patch, without(change, outline), jacobian[::3], outline, by_blur
 
 
 def _between(image: Patches, at: Array) -> Array:
@@ -224,6 +223,15 @@ def normalised_change(jacobian: Array, patches: Array) -> Array:
     jacobian = jacobian - jacobian.mean(axis=-1, keepdims=True)
     along = jacobian @ patches[..., None] / patches.shape[-1]
     return np.asarray(jacobian - along * patches[..., None, :])
+
+
+def without(change: Array, outline: Array) -> Array:
+    """
+    Return changes of patches (..., 3, G) without their components along moving outlines.
+
+    :param outline: (..., G) of unit length, or 0.
+    """
+    return np.asarray(change - change @ outline[..., None] * outline[..., None, :])
 
 
 @inlined

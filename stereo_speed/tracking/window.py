@@ -251,10 +251,11 @@ class PhotometricWindow:
 
         :param which: (G,) samples of the part.
         """
-        part, at = replace(window, keyframes=tuple(
-            Keyframe(k.pair, k.observation.part(which)) for k in window.keyframes)), window.index
+        part = replace(window, keyframes=tuple(
+            Keyframe(k.pair, k.observation.part(which)) for k in window.keyframes))
         solution = Solver(self.sampler.relief_basis[which], self.config).solve(
             part, hypotheses, self.motions.exact)
+        at = window.index
         return PartSpeed(
             float(solution.mean[at.speeds].mean()),
             float(_given_heading(solution.covariance, at, at.speeds).mean()))

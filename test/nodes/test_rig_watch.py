@@ -115,10 +115,10 @@ def place():
     return SimpleNamespace(site=None, rig=None, lanes={})
 
 
-def watch(make=Brightness):
+def watch(make=Brightness, log=None):
     """Return a watch that has started."""
     out = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0),
-                   Log(), make)
+                   log or Log(), make)
     out.begin(place(), SiteConfig())
     return out
 
@@ -328,9 +328,7 @@ def test_rig_is_off_only_beyond_its_uncertainty(share, std_share, turned, off):
 
 def test_results_of_both_kinds_are_logged():
     """The loggers of rclpy refuse two severities from one place in the code."""
-    rig = RigWatch(Given(rig_check_interval_s=0.01, rig_check_pairs=2, rig_check_spread_s=0.0),
-                   get_logger('rig'), Brightness)
-    rig.begin(place(), SiteConfig())
+    rig = watch(log=get_logger('rig'))
     for grey in (0, 2, 1, 2):
         looked(rig, grey)
         assert rig.withholds == (grey == 2) and not rig.failure
