@@ -13,6 +13,7 @@ from ..evaluation.accuracy import (
     silently_wrong)
 from ..evaluation.labeled_sequence import LineKnowledge
 from ..evaluation.outdoors import check_held
+from ..sim.ride import ROUGHNESS_M3
 from ...batch.job import failures
 from ...batch.runner import run_jobs
 from ...cli.options import add_job_options, number_in, report_failures
@@ -48,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--braking', action='store_true',
         help='every vehicle brakes at 2 to 8 m/s^2, or accelerates at 1 to 3, from some moment in '
              'view; else speeds are constant')
+    add('--ride', choices=sorted(ROUGHNESS_M3),
+        help='class of the road (ISO 8608) over which vehicles move on their springs; motorcycles '
+             'lean into bends (default: level with the road)')
     add('--detect', action='store_true', help='detect the vehicles instead of annotating them')
     add_job_options(parser)
 
@@ -58,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     jobs = accuracy_jobs(args.passes, seed=args.seed, lines=LineKnowledge(args.lines),
                          pan_deg=args.pan_deg, tolerances=args.tolerances, sway_deg=args.sway_deg,
                          changes={'particles': args.particles}, outdoors=held_kinds(args.outdoors),
-                         detect=args.detect, braking=args.braking)
+                         detect=args.detect, braking=args.braking, ride=args.ride)
     results = run_jobs(jobs, measure_job, out_dir=args.out, workers=args.jobs,
                        description='accuracy')
     passes = gather(jobs, results)

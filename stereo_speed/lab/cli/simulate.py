@@ -13,6 +13,7 @@ from ..sim import (
     circle_config, RIGS, RoadConfig, SimConfig, simulate, straight_config, VehicleConfig)
 from ..sim.bodies import BODIES
 from ..sim.optics import FaultConfig, LensConfig
+from ..sim.ride import ROUGHNESS_M3, with_ride
 from ..sim.traffic_config import LIGHTS
 from ...cli.options import number_in
 from ...core.errors import InputError
@@ -74,6 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='grey level of the lit lamps of --kind; 255 is full scale')
     add('--gloss', type=number_in(float, 0, 1), default=0.0,
         help='gloss of the paint of --kind; 1 is lacquer')
+    add('--ride', choices=sorted(ROUGHNESS_M3),
+        help='class of the road (ISO 8608) over which the vehicle moves on its springs; '
+             'motorcycles lean into bends (default: level with the road)')
     add('--light', choices=sorted(LIGHTS), help='light of the scene (default: an even sky)')
     add('--lens', type=number_in(float, 0, 50), nargs=3, metavar=('CORE_PX', 'SHARE', 'HALO_PX'),
         default=(0.0, 0.0, 8.0), help='point spread: core, and share and width of its halo')
@@ -142,7 +146,7 @@ def make_config(args: argparse.Namespace) -> SimConfig:
     change = ((0.6, 0.0), (2.8, args.lane_change)) if args.lane_change else ()
     vehicle = replace(_front(args), speed_mps=args.speed, accel_mps2=args.accel, lane=args.lane,
                       lateral_knots=change)
-    return replace(
+    config = replace(
         config, vehicles=(vehicle,), rig=RIGS[args.rig],
         road=replace(config.road, grade=args.grade, lanes=args.lanes),
         start_m=args.start or config.start_m, near_m=args.near or config.near_m,
@@ -154,6 +158,7 @@ def make_config(args: argparse.Namespace) -> SimConfig:
             core_px=args.lens[0], halo_share=args.lens[1], halo_px=args.lens[2]),
         faults=FaultConfig(exposure_step=args.exposure_step, dirt=args.dirt,
                            right_defocus_px=args.right_defocus))
+    return with_ride(config, args.ride) if args.ride else config
 
 
 def run(args: argparse.Namespace) -> int:

@@ -48,7 +48,8 @@ class PassRun:
 def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: float,
                   tolerances: bool, changes: Mapping[str, Any], sway_deg: float = 0.0,
                   outdoors: Optional[Mapping[str, str]] = None,
-                  detect: bool = False, braking: bool = False) -> list[Job]:
+                  detect: bool = False, braking: bool = False,
+                  ride: Optional[str] = None) -> list[Job]:
     """
     Return a job for each pass.
 
@@ -62,13 +63,14 @@ def accuracy_jobs(passes: int, *, seed: int, lines: LineKnowledge, pan_deg: floa
     :param outdoors: as for ``draw_pass``.
     :param detect: whether vehicles are detected instead of annotated.
     :param braking: whether each driver brakes or accelerates while in view.
+    :param ride: as for ``draw_pass``.
     """
     return [Job(key=f'pass{number:04d}', parameters={
         'number': number, 'seed': seed, 'lines': lines.value, 'pan_deg': pan_deg,
         'sway_deg': sway_deg, 'tolerances': tolerances, 'tracker': 'constrained',
         'changes': dict(changes),
         'outdoors': None if outdoors is None else dict(outdoors), 'detect': detect,
-        'braking': braking})
+        'braking': braking, 'ride': ride})
         for number in range(passes)]
 
 
@@ -89,7 +91,7 @@ def drawn_of(parameters: Mapping[str, Any]) -> RandomPass:
     """Return the pass of a job."""
     return draw_pass(parameters['seed'], parameters['number'], pan_deg=parameters['pan_deg'],
                      sway_deg=parameters['sway_deg'], outdoors=parameters['outdoors'],
-                     braking=parameters['braking'])
+                     braking=parameters['braking'], ride=parameters['ride'])
 
 
 def gather(jobs: Sequence[Job], results: Sequence[Result]) -> list[PassRun]:

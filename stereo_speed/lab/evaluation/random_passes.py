@@ -16,6 +16,7 @@ import numpy as np
 from .drivers import HEADING, with_driver
 from .outdoors import draw_outdoors
 from ..sim.config import RIGS, RoadConfig, SimConfig, VehicleConfig
+from ..sim.ride import with_ride
 from ..sim.scene import SimScene
 from ..sim.sequence import picked_site
 from ...core.errors import InputError
@@ -49,8 +50,8 @@ class RandomPass:
 
 
 def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float = 0.0,
-              outdoors: Optional[Mapping[str, str]] = None, braking: bool = False
-              ) -> RandomPass:
+              outdoors: Optional[Mapping[str, str]] = None, braking: bool = False,
+              ride: Optional[str] = None) -> RandomPass:
     """
     Draw a pass.
 
@@ -68,6 +69,8 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
     :param outdoors: also draw bodies, lamps, light and camera faults, except for the fixed kinds
         in it: heading to kind. None for fronts with relief in even light, as above.
     :param braking: whether each driver brakes or accelerates while in view.
+    :param ride: class of the road over which vehicles move on their springs, as for
+        :func:`with_ride`; None where they stay level with the road.
     """
     for attempt in range(_MOST_ATTEMPTS):
         drawn = _draw(np.random.default_rng([seed, number, attempt]), number, pan_deg)
@@ -81,7 +84,8 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
                 [seed, number, attempt, 2]))
             drawn = replace(drawn, config=config, kinds={**drawn.kinds, HEADING: driver})
         if _is_in_view(drawn.config, seed):
-            return replace(drawn, config=replace(drawn.config, sway_deg=sway_deg))
+            config = replace(drawn.config, sway_deg=sway_deg)
+            return replace(drawn, config=with_ride(config, ride) if ride else config)
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')
 
 

@@ -77,6 +77,8 @@ class RoadConfig:
     :param dashed_edges: whether the outer lines are dashed as well.
     :param wear: share of the paint that is worn away, in patches.
     :param receding: lanes whose vehicles drive in the other direction and show their rears.
+    :param roughness_m3: displacement density at 0.1 cycles/m of the profile that makes vehicles
+        bounce, m^3 (ISO 8608); 0 for none. The surface is drawn smooth.
     """
 
     curvature_start: float = 0.0
@@ -98,6 +100,7 @@ class RoadConfig:
     dashed_edges: bool = False
     wear: float = 0.0
     receding: tuple[int, ...] = ()
+    roughness_m3: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +129,7 @@ class VehicleConfig:
     :param solid: whether the front is not planar; its foremost part is where a plane would be.
     :param lamp_grey: grey level of the lit lamps of a solid body; 255 is full scale, 0 is off.
     :param gloss: gloss of paint and glass of a solid body: 0 is matt, 1 is clear lacquer.
+    :param leans: whether it leans into bends, as a ridden motorcycle.
     """
 
     speed_mps: float = 24.58720
@@ -143,6 +147,7 @@ class VehicleConfig:
     solid: bool = False
     lamp_grey: float = 0.0
     gloss: float = 0.0
+    leans: bool = False
 
     @property
     def body(self) -> BodyConfig:
@@ -266,6 +271,8 @@ class SimConfig:
                   'a kind of body for a front that is no plane')
         _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',
               self.road.receding, f'lanes below {self.road.lanes}')
+        _want(self.road.roughness_m3 >= 0, 'road.roughness_m3', self.road.roughness_m3,
+              'not negative')
         _want(len(self.vehicles) > 0, 'vehicles', 0, 'at least one')
         _want(self.start_m > self.near_m > 0, 'start_m, near_m', (self.start_m, self.near_m),
               'start_m > near_m > 0')

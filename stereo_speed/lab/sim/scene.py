@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from .bodies import BodyConfig
 from .config import RigConfig, SimConfig, VehicleConfig
 from .kinematics import lateral_m, lateral_mps, path_m, path_speed_mps
+from .ride import Attitude, lean_rad, LEVEL, Springs
 from .road import Road
 from ...core.errors import InputError
 from ...core.records import Array
@@ -109,11 +110,13 @@ class Vehicle:
     :param number: as in ``truth.csv``.
     :param body: its size.
     :param place: returns its position at a time, s.
+    :param attitude: returns its attitude at a place.
     """
 
     number: int
     body: BodyConfig
     place: Callable[[float], Place]
+    attitude: Callable[[Place], Attitude] = lambda _: LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,11 +217,6 @@ class SimScene:
         ground = self.road.height(*self.road.station(sight[..., :2]))
         return np.asarray((sight[..., 2] > ground - _MARGIN_M).all(axis=0))
 
-    def axes(self, station_m: float, offset_m: float, away: bool = False) -> Array:
-        """Return the columns along travel, left and up, (3, 3); ``away`` reverses travel."""
-        frame = self.road.frame(station_m, offset_m)
-        return np.asarray(self.left_R_world @ (frame * AWAY if away else frame))
-
     @cached_property
     def up(self) -> Array:
         """Return the vertical (3,) in the left optical frame."""
@@ -262,7 +260,22 @@ class SimScene:
                 arc, lateral = self.arc(lane, self.end_station_m) - arc, -lateral
             return Place(self.station(lane, arc), self.road.lane_offset(lane) + lateral, lane,
                          path_speed_mps(config, t_s), lateral_mps(config, t_s))
-        return Vehicle(number, config.body, place)
+        return Vehicle(number, config.body, place, self._attitude(number, config))
+
+    def _attitude(self, number: int, config: VehicleConfig) -> Callable[[Place], Attitude]:
+        """Return how a vehicle stands on the road: on its springs, and leaning if it is ridden."""
+        roughness_m3, body = self.config.road.roughness_m3, config.body
+        springs = Springs(roughness_m3, body, config.speed_mps, np.random.default_rng(number))
+
+        def attitude(place: Place) -> Attitude:
+            found = springs.attitude(place.station_m) if roughness_m3 else LEVEL
+            if config.leans:
+                at_m, curvature = place.station_m, float(self.road.curvature(place.station_m))
+                found = replace(found, roll_rad=lean_rad(
+                    curvature / (1 - curvature * place.offset_m), place.speed_mps,
+                    float(self.road.crossfall(at_m))))
+            return found
+        return attitude
 
     def exposures(self, count: int, rng: np.random.Generator) -> Iterator[Exposure]:
         """
@@ -289,9 +302,12 @@ class SimScene:
         place, body = vehicle.place(t_s), vehicle.body
         away = self.away(place.lane)
         heading = np.arctan2(place.drift_mps, max(place.speed_mps, _SLOWEST_MPS))
-        axes = (self.axes(place.station_m, place.offset_m, away)
+        stands = vehicle.attitude(place)
+        tilt = Rotation.from_euler('YX', [-stands.pitch_rad, stands.roll_rad]).as_matrix()
+        frame = self.road.frame(place.station_m, place.offset_m) @ tilt
+        axes = (self.left_R_world @ (frame * AWAY if away else frame)
                 @ Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix())
-        ground = self.point(place.station_m, place.offset_m)
+        ground = self.point(place.station_m, place.offset_m) + stands.rise_m * self.up
         height_m = body.tracked_m(away)
         centre = ground + axes[:, 2] * (body.clearance_m + height_m / 2)
         # The image's left is the right side of an approaching vehicle, the left of a receding one.

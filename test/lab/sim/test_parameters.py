@@ -44,7 +44,7 @@ ROAD = {
     'lanes': 3, 'lane_width_m': 3.2, 'marking_width_m': 0.4, 'dash_m': 5.0, 'gap_m': 2.0,
     'receding': (0,), 'grade_end': -0.05, 'vertical_curve_m': 20.0, 'vertical_curve_at_m': 5.0,
     'crossfall_start': 0.06, 'crossfall_end': 0.06, 'clothoid_at_m': 9.0, 'turned_about_m': 3.7,
-    'dashed_edges': True, 'wear': 0.8}
+    'dashed_edges': True, 'wear': 0.8, 'roughness_m3': 1e-3}
 VEHICLE = {
     'speed_mps': 20.0, 'accel_mps2': -4.0, 'speed_knots': ((0.0, 20.0), (1.0, 15.0)), 'lane': 1,
     'lateral_knots': ((0.0, 0.0), (1.0, 2.0)), 'head_start_m': 5.0, 'front_width_m': 1.4,
@@ -105,6 +105,7 @@ SWEEP = [
     *((VehicleConfig, name, _within(FURNISHED, 'vehicles'), value)
       for name, value in VEHICLE.items()),
     *((VehicleConfig, name, _within(SOLID, 'vehicles'), value) for name, value in LOOKS.items()),
+    (VehicleConfig, 'leans', _within(BEND, 'vehicles'), True),
     *((StreetLampConfig, name, _within(FURNISHED, 'street_lamps'), value)
       for name, value in STREET_LAMP.items()),
     *((LensConfig, name, _inside(FURNISHED, 'lens'), value) for name, value in LENS.items()),
