@@ -6,7 +6,8 @@ Onsets: vehicles that keep their speed, then brake or accelerate, then keep thei
 Braking begins and ends abruptly, and the newest pairs show little of it: in a tenth of a second at
 6 m/s^2 a vehicle falls behind by 3 cm and loses 1.3 mph.  So a change of speed may begin and end
 at any pair and, where pairs are far apart, between pairs.  Its acceleration is one more unknown,
-which is constant and eliminated.  It affects only the random walk of the speeds and the distances
+which is constant and eliminated.  A change may also be under way already when the vehicle is first
+seen, as likely as in the long run.  It affects only the random walk of the speeds and the distances
 between pairs, so the answers for all onsets follow in closed form from the answer without one.
 The effect of a change that ends is that of one which begins at its onset, minus that of one which
 begins at its end, both without an end.
@@ -58,6 +59,19 @@ class Onsets:
     lasts_s: float
     std_mps2: float
 
+    def expected(self, may: Changes) -> Array:
+        """Return how many changes (m,) are expected to begin at each of the times."""
+        return self.per_s * (may.gaps_s + np.where(may.earlier, self.lasts_s, 0.0))
+
+    @property
+    def fades_per_s(self) -> float:
+        """Return the rate at which a change ends, less that of onsets, which it keeps away."""
+        return 1 / self.lasts_s - self.per_s
+
+    def log_none(self, long_s: float) -> float:
+        """Return the logarithm of the probability of no change within a time, s."""
+        return -self.per_s * long_s - math.log1p(self.per_s * self.lasts_s)
+
 
 @dataclass(frozen=True, eq=False)
 class Changes:
@@ -73,6 +87,7 @@ class Changes:
     :param own: (m, m) d' W d of each two times.
     :param lasts_s: (m,) time from each until the last pair, s.
     :param gaps_s: (m,) time interval that each stands for, s.
+    :param earlier: (m,) whether it also stands for all times before it: that of the first pair.
     :param none: (m, m) whether a change would end (column) no later than it begins (row).
     :param long_s: time from the first pair to the last, s.
     """
@@ -81,6 +96,7 @@ class Changes:
     own: Array
     lasts_s: Array
     gaps_s: Array
+    earlier: NDArray[np.bool_]
     none: NDArray[np.bool_]
     long_s: float
 
@@ -89,7 +105,7 @@ class Changes:
         few = slice(int(np.argmax(self.lasts_s <= seconds)), None)
         return replace(self, pull=self.pull[few], own=self.own[few, few],
                        lasts_s=self.lasts_s[few], gaps_s=self.gaps_s[few],
-                       none=self.none[few, few])
+                       earlier=self.earlier[few], none=self.none[few, few])
 
 
 def changes(times_s: Array, at: StateIndex, ways: Array, rate: float) -> Changes:
@@ -112,7 +128,8 @@ def changes(times_s: Array, at: StateIndex, ways: Array, rate: float) -> Changes
     pull[:, s[1:]] += held
     pull[:, s[:-1]] -= held
     return Changes(pull, walk @ gained_s.T + held @ behind_s2.T, gained_s.sum(axis=1), between_s,
-                   np.tri(len(walk), dtype=bool), float(times_s[-1] - times_s[0]))
+                   np.arange(len(walk)) == 0, np.tri(len(walk), dtype=bool),
+                   float(times_s[-1] - times_s[0]))
 
 
 def _gained(times_s: Array) -> tuple[Array, Array, Array]:
@@ -156,8 +173,8 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     known = information + 1 / onsets.std_mps2 ** 2
     weighted = weighted[:, None] - weighted
     accelerations = weighted / known
-    begins = np.log(rate_factor * onsets.per_s * may.gaps_s) - may.lasts_s / onsets.lasts_s
-    ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s / onsets.lasts_s
+    begins = np.log(rate_factor * onsets.expected(may)) - may.lasts_s * onsets.fades_per_s
+    ends = np.log(may.gaps_s / onsets.lasts_s) + may.lasts_s * onsets.fades_per_s
     ends[-1] = 0.0  # the change has not ended yet
     log_share = begins[:, None] + ends - 0.5 * np.log(known * onsets.std_mps2 ** 2) \
         + 0.5 * weighted * accelerations
@@ -171,7 +188,7 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     spread = np.diag(square.sum(axis=0) + square.sum(axis=1)) - square - square.T
     return Moments(
         mean + shift, covariance + moves.T @ (spread @ moves) - np.outer(shift, shift),
-        steady.log_evidence + greatest + math.log(total) - onsets.per_s * may.long_s)
+        steady.log_evidence + greatest + math.log(total) + onsets.log_none(may.long_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +238,7 @@ def unnoticed(steady: Union[Conditioned, Moments], may: Changes, onsets: Onsets,
     shows = may.own - moves @ may.pull.T  # evidence of each true onset for each assumed one
     known = np.maximum(np.diag(shows), 0.0)[:-1] + 1 / onsets.std_mps2 ** 2
     with np.errstate(divide='ignore'):
-        before = np.log(onsets.per_s * may.gaps_s[:-1]) - may.lasts_s[:-1] / onsets.lasts_s \
+        before = np.log(onsets.expected(may)[:-1]) - may.lasts_s[:-1] * onsets.fades_per_s \
             - 0.5 * np.log(known * onsets.std_mps2 ** 2)
     a = most_mps2 * _PARTS_OF_MOST[:, None, None]
     weighted = a * shows[:, :-1]  # information times acceleration
