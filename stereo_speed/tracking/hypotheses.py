@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Sequence
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -100,6 +100,27 @@ def of_kin(hypotheses: Sequence[Hypothesis], weights: Array) -> Array:
     return np.array([greatest[h.kin] for h in hypotheses])
 
 
+def onsets_of(config: TrackerConfig) -> Optional[Onsets]:
+    """Return the statistics of speed changes; None where a configuration leaves them out."""
+    if not (config.onset_per_s and config.onset_std_mps2):
+        return None
+    return Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
+
+
+def log_no_onset(config: TrackerConfig, hypotheses: Sequence[Hypothesis], long_s: float) -> Array:
+    """
+    Return the logarithms of the probability under each hypothesis that there is no onset.
+
+    A vehicle that stands in view for minutes would have been expected to move on: of the
+    hypotheses that do expect it, those that are not weighed any further must not be spared that.
+
+    :param long_s: time from the first pair to the last, s.
+    """
+    onsets = onsets_of(config)
+    return np.array([onsets.log_none(long_s) if onsets and h.motion.speed_rate_std is not None
+                     else 0.0 for h in hypotheses])
+
+
 class PassOnsets:
     """
     Adds onsets of speed changes to the answers of hypotheses that keep the speed.
@@ -113,9 +134,8 @@ class PassOnsets:
 
     def __init__(self, config: TrackerConfig, motion: PassMotion, times_s: Array, state: Array,
                  hypotheses: Sequence[Hypothesis]) -> None:
-        self.onsets = Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
-        self._occur = bool(config.onset_per_s and config.onset_std_mps2)
-        self._counted = self.onsets if self._occur else Onsets(0.0, config.onset_lasts_s, 1.0)
+        self.onsets = onsets_of(config)
+        self._counted = self.onsets or Onsets(0.0, config.onset_lasts_s, 1.0)
         rates = {walk_rate(h.motion.speed_rate_std) for h in hypotheses
                  if len(times_s) > 1 and h.motion.speed_rate_std is not None}
         self._changes = {rate: changes(times_s, StateIndex(len(times_s)), motion.way_information(
@@ -124,7 +144,7 @@ class PassOnsets:
     def __call__(self, answer: Moments, hypothesis: Hypothesis) -> Moments:
         """Return the answer of a hypothesis with onsets included."""
         rate = hypothesis.motion.speed_rate_std
-        if not (self._occur and self._changes) or rate is None:
+        if self.onsets is None or rate is None or not self._changes:
             return answer
         does = self._changes[walk_rate(rate)]
         if not hypothesis.onsets:

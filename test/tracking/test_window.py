@@ -165,6 +165,16 @@ def test_sustained_braking_is_measured(textured, fps, parts):
             assert abs(speed - (MPS - lost)) < lost / parts, lost
 
 
+def test_vehicle_that_stands_for_minutes_is_followed(textured):
+    """No model expects it to, least of all one whose vehicles change their speed now and then."""
+    poses = np.tile([30.0, 0.1, 1.9], (14, 1))
+    pairs = [textured.pair(k, 15 * k * SECOND, pose) for k, pose in enumerate(poses)]
+    for posterior in feed(window_of(textured, poses[0]), pairs, poses, speed_mps=0.0)[7:]:
+        (s_m, _, _, speed_mps), covariance = posterior.at(-1)
+        assert abs(s_m - 30.0) < 0.02
+        assert abs(speed_mps) < 0.02 and np.sqrt(covariance[3, 3]) < 0.2
+
+
 def ahead_by_hand(states, after_s, gap_s, lateral_mps):
     """Return s, a, b, v extrapolated from the last of two states (8,) at an even acceleration."""
     (_, _, _, v_before), (s, a, b, v) = states.reshape(2, 4)
