@@ -379,7 +379,7 @@ class TrackerConfig(CheckedRecord):
         3.0, 0.0, 50.0, 'm/s^2/sqrt(s)', 'random walk of the acceleration of such a vehicle')
     onset_per_s: float = parameter(
         0.3, 0.0, 10.0, '1/s', 'rate at which a vehicle that keeps its speed begins to brake or '
-        'accelerate; 0 leaves such onsets out')
+        'accelerate, also before it is seen; 0 leaves such onsets out')
     onset_lasts_s: float = parameter(
         2.0, 0.1, 100.0, 's', 'mean duration of such a change before the vehicle keeps its speed '
         'again')

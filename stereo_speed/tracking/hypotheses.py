@@ -34,8 +34,8 @@ class Hypothesis:
     :param motion: motion model of the vehicle.
     :param more_px: scatter of the disparities beyond the least one, 1-sigma, px.
     :param share: prior probability.
-    :param onsets: factor on the rate of onsets that began more than ``_UNNOTICED_S`` ago; 0 for
-        none of them.
+    :param onsets: factor on the rate of onsets that began more than ``_UNNOTICED_S`` before the
+        last pair; 0 for none of them.
     """
 
     motion: MotionModel
@@ -107,18 +107,21 @@ def onsets_of(config: TrackerConfig) -> Optional[Onsets]:
     return Onsets(config.onset_per_s, config.onset_lasts_s, config.onset_std_mps2)
 
 
-def log_no_onset(config: TrackerConfig, hypotheses: Sequence[Hypothesis], long_s: float) -> Array:
+def log_unchanged(config: TrackerConfig, hypotheses: Sequence[Hypothesis], times_s: Array
+                  ) -> Array:
     """
-    Return the logarithms of the probability under each hypothesis that there is no onset.
+    Return the logarithms (k,) of the probability under each hypothesis that no speed changes.
 
-    A vehicle that stands in view for minutes would have been expected to move on: of the
-    hypotheses that do expect it, those that are not weighed any further must not be spared that.
+    A vehicle that stands in view for minutes would have been expected to move on. Hypotheses that
+    expect so have their evidence multiplied by this; those that are too improbable to be weighed
+    with onsets, too, else they outweigh all others in the end.
 
-    :param long_s: time from the first pair to the last, s.
+    :param times_s: (n,) stamps; onsets do not count before the second one.
     """
-    onsets = onsets_of(config)
-    return np.array([onsets.log_none(long_s) if onsets and h.motion.speed_rate_std is not None
-                     else 0.0 for h in hypotheses])
+    onsets, log_none = onsets_of(config), 0.0
+    if onsets is not None and len(times_s) > 1:
+        log_none = onsets.log_unchanged(float(times_s[-1] - times_s[0]))
+    return np.array([0.0 if h.motion.speed_rate_std is None else log_none for h in hypotheses])
 
 
 class PassOnsets:

@@ -6,9 +6,9 @@ Onsets: vehicles that keep their speed, then brake or accelerate, then keep thei
 Braking begins and ends abruptly, and the newest pairs show little of it: in a tenth of a second at
 6 m/s^2 a vehicle falls behind by 3 cm and loses 1.3 mph.  So a change of speed may begin and end
 at any pair and, where pairs are far apart, between pairs.  Its acceleration is one more unknown,
-which is constant and eliminated.  A change may also be under way already when the vehicle is first
-seen, as likely as in the long run.  It affects only the random walk of the speeds and the distances
+which is constant and eliminated.  It affects only the random walk of the speeds and the distances
 between pairs, so the answers for all onsets follow in closed form from the answer without one.
+A change may also be under way in the first pair, with the probability that it has at any time.
 The effect of a change that ends is that of one which begins at its onset, minus that of one which
 begins at its end, both without an end.
 """
@@ -60,16 +60,27 @@ class Onsets:
     std_mps2: float
 
     def expected(self, may: Changes) -> Array:
-        """Return how many changes (m,) are expected to begin at each of the times."""
+        """
+        Return the probability (m,) of a change since each of the times, relative to that of none.
+
+        Relative to a steady vehicle in the first pair, one whose speed is changing then has the
+        probability ``per_s * lasts_s``, as in the long run.  How long it goes on is not part of
+        this.
+        """
         return self.per_s * (may.gaps_s + np.where(may.earlier, self.lasts_s, 0.0))
 
     @property
     def fades_per_s(self) -> float:
-        """Return the rate at which a change ends, less that of onsets, which it keeps away."""
+        """
+        Return the rate at which the probability of a change falls as it goes on, relative to none.
+
+        It ends at ``1 / lasts_s``; without it, an onset would have been due at ``per_s``.
+        Negative where onsets are more frequent than that.
+        """
         return 1 / self.lasts_s - self.per_s
 
-    def log_none(self, long_s: float) -> float:
-        """Return the logarithm of the probability of no change within a time, s."""
+    def log_unchanged(self, long_s: float) -> float:
+        """Return the logarithm of the probability that nothing changes within a time, s."""
         return -self.per_s * long_s - math.log1p(self.per_s * self.lasts_s)
 
 
@@ -101,7 +112,7 @@ class Changes:
     long_s: float
 
     def newest(self, seconds: float) -> Changes:
-        """Return the changes that began no longer ago than a time."""
+        """Return the changes that began no longer ago than a time, or before the first pair."""
         few = slice(int(np.argmax(self.lasts_s <= seconds)), None)
         return replace(self, pull=self.pull[few], own=self.own[few, few],
                        lasts_s=self.lasts_s[few], gaps_s=self.gaps_s[few],
@@ -158,6 +169,8 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     """
     Return the answer for a vehicle that may begin, and end, to change its speed.
 
+    It may also be changing it in the first pair, if that is among the times of ``may``.
+
     :param steady: the answer without changes, where the speed is a Wiener process.
     :param may: effects of changes.
     :param onsets: statistics of changes.
@@ -188,7 +201,7 @@ def with_onsets(steady: Union[Conditioned, Moments], may: Changes, onsets: Onset
     spread = np.diag(square.sum(axis=0) + square.sum(axis=1)) - square - square.T
     return Moments(
         mean + shift, covariance + moves.T @ (spread @ moves) - np.outer(shift, shift),
-        steady.log_evidence + greatest + math.log(total) + onsets.log_none(may.long_s))
+        steady.log_evidence + greatest + math.log(total) + onsets.log_unchanged(may.long_s))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from typing import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from .hypotheses import (
-    hypotheses_of, Hypothesis, log_no_onset, PassOnsets, with_onset_to_come)
+    hypotheses_of, Hypothesis, log_unchanged, PassOnsets, with_onset_to_come)
 from .keyframes import Window
 from .motion_answers import answers
 from .motion_prior import PassMotion, rates_by_offsets
@@ -96,7 +96,7 @@ class Solver:
         log_prior, times_s = _log_prior(hypotheses, images), window.times_s
         log_evidence = np.array([answer.log_evidence for answer in _answers(
             times_s, window.states, hypotheses, motion, images, covariances=False)])
-        log_evidence += log_no_onset(self.config, hypotheses, float(times_s[-1] - times_s[0]))
+        log_evidence += log_unchanged(self.config, hypotheses, times_s)
         counting = np.flatnonzero(
             with_onset_to_come(hypotheses, normalise_log_weights(log_prior + log_evidence))
             > NEGLIGIBLE)

@@ -3,10 +3,13 @@
 """Hypotheses about a pass, by hand."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stereo_speed.core.tracker_config import TrackerConfig
-from stereo_speed.tracking.hypotheses import hypotheses_of, of_kin, with_onset_to_come
+from stereo_speed.tracking.hypotheses import (
+    hypotheses_of, log_unchanged, of_kin, with_onset_to_come)
 
 
 def drives(hypothesis):
@@ -50,3 +53,17 @@ def test_coming_onset_counts_like_a_changing_speed():
     steady = next(k for k, h in enumerate(all_) if h.motion.speed_rate_std is not None)
     np.testing.assert_array_equal(
         with_onset_to_come(all_, np.eye(len(all_))[steady]), np.eye(len(all_))[steady])
+
+
+def test_only_hypotheses_that_expect_onsets_doubt_that_the_speed_is_kept():
+    """For 10 s at 0.3 onsets per second, and not before that either: 1 / (1 + 0.3 * 2)."""
+    config = TrackerConfig(onset_per_s=0.3, onset_lasts_s=2.0)
+    hypotheses = hypotheses_of(config)
+    found = log_unchanged(config, hypotheses, np.array([0.0, 4.0, 10.0]))
+    expected = [0.0 if h.motion.speed_rate_std is None else -3.0 - np.log(1.6)
+                for h in hypotheses]
+    np.testing.assert_allclose(found, expected)
+    assert {0.0} < set(found)
+    for times_s, other in ((np.zeros(1), config), (np.array([0.0, 9.0]), replace(
+            config, onset_per_s=0.0))):
+        assert not log_unchanged(other, hypotheses, times_s).any()

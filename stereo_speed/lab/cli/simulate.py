@@ -158,7 +158,7 @@ def make_config(args: argparse.Namespace) -> SimConfig:
             core_px=args.lens[0], halo_share=args.lens[1], halo_px=args.lens[2]),
         faults=FaultConfig(exposure_step=args.exposure_step, dirt=args.dirt,
                            right_defocus_px=args.right_defocus))
-    return with_ride(config, args.ride) if args.ride else config
+    return with_ride(config, args.ride, args.seed) if args.ride else config
 
 
 def run(args: argparse.Namespace) -> int:

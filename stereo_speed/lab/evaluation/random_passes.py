@@ -85,7 +85,10 @@ def draw_pass(seed: int, number: int, *, pan_deg: float = 0.0, sway_deg: float =
             drawn = replace(drawn, config=config, kinds={**drawn.kinds, HEADING: driver})
         if _is_in_view(drawn.config, seed):
             config = replace(drawn.config, sway_deg=sway_deg)
-            return replace(drawn, config=with_ride(config, ride) if ride else config)
+            if ride:
+                profile = np.random.default_rng([seed, number, attempt, 3])
+                config = with_ride(config, ride, int(profile.integers(2 ** 31)))
+            return replace(drawn, config=config)
     raise InputError('accuracy', 'scene', number, 'a road that comes to lie in view')
 
 

@@ -211,7 +211,7 @@ class Appearance:
         front = body.length_m if rear else 0.0
 
         def at(back: float, left: float, up: float) -> Array:
-            return np.asarray(pose.ground_m + pose.axes @ np.array([front - back, left, up]))
+            return np.asarray(pose.origin_m + pose.axes @ np.array([front - back, left, up]))
         along, left, up = pose.axes.T
         half, low, roof, long = body.width_m / 2, body.clearance_m, body.roof_m, body.length_m
         # The image's left is the right side of an approaching vehicle.

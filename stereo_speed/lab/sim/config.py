@@ -78,7 +78,9 @@ class RoadConfig:
     :param wear: share of the paint that is worn away, in patches.
     :param receding: lanes whose vehicles drive in the other direction and show their rears.
     :param roughness_m3: displacement density at 0.1 cycles/m of the profile that makes vehicles
-        bounce, m^3 (ISO 8608); 0 for none. The surface is drawn smooth.
+        bounce, m^3 (ISO 8608); 0 for none. The surface is drawn smooth, and the vehicles of
+        ``traffic`` and parked ones stay level.
+    :param roughness_seed: seed of that profile, which differs from lane to lane.
     """
 
     curvature_start: float = 0.0
@@ -101,6 +103,7 @@ class RoadConfig:
     wear: float = 0.0
     receding: tuple[int, ...] = ()
     roughness_m3: float = 0.0
+    roughness_seed: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +132,7 @@ class VehicleConfig:
     :param solid: whether the front is not planar; its foremost part is where a plane would be.
     :param lamp_grey: grey level of the lit lamps of a solid body; 255 is full scale, 0 is off.
     :param gloss: gloss of paint and glass of a solid body: 0 is matt, 1 is clear lacquer.
-    :param leans: whether it leans into bends, as a ridden motorcycle.
+    :param leans: whether it leans into bends, which a motorcycle may.
     """
 
     speed_mps: float = 24.58720
@@ -267,6 +270,8 @@ class SimConfig:
                   'a positive width and height in m')
             _want(vehicle.kind in BODIES, 'vehicle.kind', vehicle.kind,
                   'one of ' + repr(tuple(BODIES)))
+            _want(vehicle.kind == 'motorcycle' or not vehicle.leans, 'vehicle.leans',
+                  vehicle.leans, 'a motorcycle')
             _want(vehicle.kind != '' or not vehicle.solid, 'vehicle.solid', vehicle.solid,
                   'a kind of body for a front that is no plane')
         _want(all(0 <= lane < self.road.lanes for lane in self.road.receding), 'road.receding',

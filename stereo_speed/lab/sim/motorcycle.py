@@ -79,7 +79,7 @@ class MotorcycleAppearance:
         out = []
         for piece in self._pieces:
             across = left * sign * piece.width_m
-            middle = pose.ground_m + ahead * sign * piece.ahead_m + left * piece.side_m
+            middle = pose.origin_m + ahead * sign * piece.ahead_m + left * piece.side_m
             corner = middle - across / 2 + up * piece.up_m
             down = -up * piece.height_m
             out.append(Plane(corner, across, down, piece.texture, True, piece.relief_m,

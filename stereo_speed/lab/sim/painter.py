@@ -171,7 +171,7 @@ class Painter:
         feet = body_box(body, pose)[:4]
         prisms = [(body.clearance_m + body.front_m, 0.0),
                   (body.roof_m, 0.25 if not body.cab_m else 0.0)]
-        self._darken(image, eye, feet, pose.axes[:, 2], prisms)
+        self._darken(image, eye, feet, pose.ground_axes[:, 2], prisms)
 
     def _shade(self, hull_m: Array) -> None:
         """Darken the road below a static object."""
@@ -199,7 +199,7 @@ class Painter:
     def _light_road(self, image: Image, eye: Eye, body: BodyConfig, pose: FrontPose) -> None:
         """Draw the pool of light of the headlights on the road."""
         ahead_m = POOL_FROM_M + (body.length_m if pose.rear else 0.0)
-        along, left, _ = pose.axes.T
+        along, left, _ = pose.ground_axes.T
         corner = pose.ground_m + along * ahead_m - left * POOL_HALF_M
         # Seen from above, with the vehicle at the top and its right side at the texture's left.
         plane = Plane(corner, left * 2 * POOL_HALF_M, along * (POOL_TO_M - POOL_FROM_M),

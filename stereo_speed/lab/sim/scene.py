@@ -124,17 +124,23 @@ class FrontPose:
     """
     Pose of the tracked front of a vehicle: its front, or its rear when it recedes.
 
-    :param centre_m: (3,), its centre, left optical frame, m.
-    :param axes: (3, 3), columns along travel, left and up, left optical frame.
+    All places are in the left optical frame, m; axes are columns ahead, left and up in that frame.
+
+    :param centre_m: (3,), its centre.
+    :param axes: (3, 3), axes of the body.
     :param corners_m: (4, 3), clockwise as seen by the camera, from the image's top-left corner.
-    :param ground_m: (3,), the point of the road below the front's middle, left optical frame.
+    :param origin_m: (3,), where the body's vertical through the front's middle meets its tyres.
+    :param ground_m: (3,), the point of the road there; the body may be above or below it.
+    :param ground_axes: (3, 3), axes of a body that is level with the road.
     :param rear: whether it is the rear.
     """
 
     centre_m: Array
     axes: Array
     corners_m: Array
+    origin_m: Array
     ground_m: Array
+    ground_axes: Array
     rear: bool = False
 
 
@@ -260,20 +266,22 @@ class SimScene:
                 arc, lateral = self.arc(lane, self.end_station_m) - arc, -lateral
             return Place(self.station(lane, arc), self.road.lane_offset(lane) + lateral, lane,
                          path_speed_mps(config, t_s), lateral_mps(config, t_s))
-        return Vehicle(number, config.body, place, self._attitude(number, config))
+        return Vehicle(number, config.body, place, self._attitude(config))
 
-    def _attitude(self, number: int, config: VehicleConfig) -> Callable[[Place], Attitude]:
-        """Return how a vehicle stands on the road: on its springs, and leaning if it is ridden."""
-        roughness_m3, body = self.config.road.roughness_m3, config.body
-        springs = Springs(roughness_m3, body, config.speed_mps, np.random.default_rng(number))
+    def _attitude(self, config: VehicleConfig) -> Callable[[Place], Attitude]:
+        """Return how a vehicle stands on the road: on its springs, and leaning if it leans."""
+        road, springs = self.config.road, None
+        if road.roughness_m3:
+            rng = np.random.default_rng([road.roughness_seed, config.lane])
+            springs = Springs(road.roughness_m3, config.body, path_speed_mps(config, 0.0), rng)
 
         def attitude(place: Place) -> Attitude:
-            found = springs.attitude(place.station_m) if roughness_m3 else LEVEL
+            found = springs.attitude(place.station_m) if springs else LEVEL
             if config.leans:
-                at_m, curvature = place.station_m, float(self.road.curvature(place.station_m))
+                curvature = float(self.road.curvature(place.station_m))
                 found = replace(found, roll_rad=lean_rad(
                     curvature / (1 - curvature * place.offset_m), place.speed_mps,
-                    float(self.road.crossfall(at_m))))
+                    float(self.road.crossfall(place.station_m))))
             return found
         return attitude
 
@@ -298,23 +306,26 @@ class SimScene:
                 yield Exposure(t_s, stamp_ns, stamp_ns + round((c.right_delay_s + skew) * 1e9))
 
     def front(self, vehicle: Vehicle, t_s: float) -> FrontPose:
-        """Return the pose of a vehicle's tracked front, which points along its velocity."""
+        """Return the pose of a vehicle's tracked front, which steers along its velocity."""
         place, body = vehicle.place(t_s), vehicle.body
         away = self.away(place.lane)
         heading = np.arctan2(place.drift_mps, max(place.speed_mps, _SLOWEST_MPS))
         stands = vehicle.attitude(place)
+        road = self.road.frame(place.station_m, place.offset_m)
         tilt = Rotation.from_euler('YX', [-stands.pitch_rad, stands.roll_rad]).as_matrix()
-        frame = self.road.frame(place.station_m, place.offset_m) @ tilt
-        axes = (self.left_R_world @ (frame * AWAY if away else frame)
-                @ Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix())
-        ground = self.point(place.station_m, place.offset_m) + stands.rise_m * self.up
+        steered = Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix()
+        ground_axes, axes = (
+            self.left_R_world @ (frame * AWAY if away else frame) @ steered
+            for frame in (road, road @ tilt))
+        ground = self.point(place.station_m, place.offset_m)
+        origin = ground + stands.rise_m * self.up
         height_m = body.tracked_m(away)
-        centre = ground + axes[:, 2] * (body.clearance_m + height_m / 2)
+        centre = origin + axes[:, 2] * (body.clearance_m + height_m / 2)
         # The image's left is the right side of an approaching vehicle, the left of a receding one.
         left = axes[:, 1] * body.width_m / 2 * (1 if away else -1)
         up = axes[:, 2] * height_m / 2
         corners = centre + np.stack([left + up, up - left, -left - up, left - up])
-        return FrontPose(centre, axes, corners, ground, away)
+        return FrontPose(centre, axes, corners, origin, ground, ground_axes, away)
 
     def in_view(self, vehicle: Vehicle, t_s: float) -> bool:
         """Return whether the whole front is in both views and not beyond the pass's end."""

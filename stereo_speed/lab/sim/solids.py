@@ -206,7 +206,7 @@ class SolidAppearance(Appearance):
                     (0.5, low + 0.1, half - 0.15, 0.22, low + 0.1, self._tyre),
                     (mirror[0], mirror[1] + mirror[3], half + mirror[2] / 2 + 0.03, *mirror[2:],
                      self._trim)):
-                corner = pose.ground_m + pose.axes @ np.array(
+                corner = pose.origin_m + pose.axes @ np.array(
                     [-back, side * middle - wide / 2, up])
                 out.append(Plane(corner, pose.axes[:, 1] * wide, -pose.axes[:, 2] * high,
                                  texture))

@@ -78,12 +78,13 @@ def parked(scene: SimScene, config: ParkedConfig, rng: np.random.Generator) -> I
 
 
 def body_box(body: BodyConfig, pose: FrontPose) -> Array:
-    """Return the corners (8, 3) of a vehicle's box, the four of its footprint first."""
+    """Return the corners (8, 3) of a level vehicle's box, the four of its footprint first."""
     back, front = (0.0, body.length_m) if pose.rear else (-body.length_m, 0.0)
     half = body.width_m / 2
     return pose.ground_m + np.array([
         (x, y, z) for z in (0.0, body.roof_m)
-        for x, y in ((back, -half), (front, -half), (front, half), (back, half))]) @ pose.axes.T
+        for x, y in ((back, -half), (front, -half), (front, half), (back, half))
+    ]) @ pose.ground_axes.T
 
 
 def vehicle_item(scene: SimScene, looks: Looks, pose: FrontPose,
@@ -97,8 +98,8 @@ def vehicle_item(scene: SimScene, looks: Looks, pose: FrontPose,
     """
     body = looks.body
     lamps = looks.lamp_places if lit else np.zeros((0, 3))
-    places, mirrored = (pose.ground_m + lamps * [1.0, 1.0, side] @ pose.axes.T
-                        for side in (1.0, -1.0))
+    places, up = pose.origin_m + lamps @ pose.axes.T, pose.ground_axes[:, 2]
+    mirrored = places - 2 * np.outer((places - pose.ground_m) @ up, up)
     return Item(footprint(scene, body_box(body, pose)[:4]), looks.planes(pose),
                 _silhouette(body, pose), vehicle=number,
                 front_m=None if number is None else pose.corners_m, lamps_m=places,
@@ -116,7 +117,7 @@ def _silhouette(body: BodyConfig, pose: FrontPose) -> Array:
     outline = [(0, 0.1), (0, top), (screen, roof), (long - 0.5, roof), (long, low + body.rear_m),
                (long, 0.1)]
     front = long if pose.rear else 0.0
-    return pose.ground_m + np.array([(front - back, side, up) for back, up in outline
+    return pose.origin_m + np.array([(front - back, side, up) for back, up in outline
                                      for side in (-half, half)]) @ pose.axes.T
 
 

@@ -99,13 +99,16 @@ def _inside(outer, name):
 # A short bend: the search for its stations takes little time.
 BEND = replace(PLAIN, start_m=32.0, road=RoadConfig(
     curvature_start=0.04, curvature_end=0.05, crossfall_end=0.02, grade_end=0.04))
+RIDDEN = replace(BEND, vehicles=(VehicleConfig(kind='motorcycle'),))
 SWEEP = [
     *((RigConfig, name, _inside(PLAIN, 'rig'), value) for name, value in RIG.items()),
     *((RoadConfig, name, _inside(BEND, 'road'), value) for name, value in ROAD.items()),
     *((VehicleConfig, name, _within(FURNISHED, 'vehicles'), value)
       for name, value in VEHICLE.items()),
     *((VehicleConfig, name, _within(SOLID, 'vehicles'), value) for name, value in LOOKS.items()),
-    (VehicleConfig, 'leans', _within(BEND, 'vehicles'), True),
+    (VehicleConfig, 'leans', _within(RIDDEN, 'vehicles'), True),
+    (RoadConfig, 'roughness_seed', _inside(replace(
+        BEND, road=replace(BEND.road, roughness_m3=1e-3)), 'road'), 7),
     *((StreetLampConfig, name, _within(FURNISHED, 'street_lamps'), value)
       for name, value in STREET_LAMP.items()),
     *((LensConfig, name, _inside(FURNISHED, 'lens'), value) for name, value in LENS.items()),

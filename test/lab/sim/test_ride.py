@@ -3,16 +3,21 @@
 """Simulated vehicles on their springs, and riders who lean into bends."""
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
+from stereo_speed.core.errors import InputError
 from stereo_speed.core.units import MPH_MPS
+from stereo_speed.lab.cli import simulate
+from stereo_speed.lab.evaluation.random_passes import draw_pass
 from stereo_speed.lab.sim.bodies import BODIES
 from stereo_speed.lab.sim.config import circle_config, SimConfig
-from stereo_speed.lab.sim.ride import lean_rad, ROUGHNESS_M3, Springs, with_ride
+from stereo_speed.lab.sim.ride import lean_rad, LEVEL, ROUGHNESS_M3, Springs, with_ride
 from stereo_speed.lab.sim.scene import SimScene
+from stereo_speed.lab.sim.street import body_box, looks_of, vehicle_item
 
 CAR = BODIES['car']
 CLASS_C = ROUGHNESS_M3['C']
@@ -23,30 +28,32 @@ def _springs(speed_mps, seeds, body=CAR):
 
 
 @pytest.mark.parametrize('speed_mps', [5.0, 30.0])
-def test_body_rises_as_much_as_a_quarter_car(speed_mps):
+def test_axle_rises_as_much_as_that_of_a_quarter_car(speed_mps):
     """Compare with the integral of the road's density times the squared transmissibility."""
-    body = replace(CAR, length_m=0.01)  # its front is above its wheels
-    rises = [s.attitude(0.0).rise_m for s in _springs(speed_mps, range(600), body)]
+    rises = []
+    for springs in _springs(speed_mps, range(600), BODIES['motorcycle']):
+        stands = springs.attitude(0.0)
+        rises.append(stands.rise_m - springs.overhang_m * stands.pitch_rad)
     per_m = np.linspace(0.02, 3.0, 200_000)
     r = per_m * speed_mps / 1.3
     passes = (1 + (0.6 * r) ** 2) / ((1 - r ** 2) ** 2 + (0.6 * r) ** 2)
     density = CLASS_C * (0.1 / per_m) ** 2 * passes
     variance = np.sum((density[1:] + density[:-1]) / 2 * np.diff(per_m))
-    # Less by the short waves that differ left and right, whose mean the front follows.
-    assert 0.75 < np.var(rises) / variance < 1 + 4 * math.sqrt(2 / 600)
+    assert abs(np.var(rises) / variance - 1) < 4 * math.sqrt(2 / 600)
 
 
-def test_slow_body_follows_the_road():
-    """At walking speed both axles follow the same profile, each at its place."""
-    springs = _springs(0.01, [3])[0]
+def test_front_is_on_the_line_through_its_axles():
+    """Both axles follow the profile, which a car without length shows, each at its own place."""
+    car, point = (_springs(12.0, [3], body)[0]
+                  for body in (CAR, replace(CAR, length_m=1e-9)))
     overhang_m, base_m = 0.2 * CAR.length_m, 0.6 * CAR.length_m
-
-    def axle_m(at_m):
-        attitude = springs.attitude(at_m + overhang_m)  # its near axle is at at_m
-        return attitude.rise_m - overhang_m * attitude.pitch_rad
     for at_m in (0.0, 7.0):
-        pitch = springs.attitude(at_m + overhang_m).pitch_rad
-        assert pitch * base_m == pytest.approx(axle_m(at_m) - axle_m(at_m - base_m), abs=1e-12)
+        stands = car.attitude(at_m)
+        near_m, far_m = (point.attitude(at_m - back_m).rise_m
+                         for back_m in (overhang_m, overhang_m + base_m))
+        assert stands.pitch_rad == pytest.approx((near_m - far_m) / base_m, rel=1e-6)
+        assert stands.rise_m == pytest.approx(
+            near_m + (near_m - far_m) * overhang_m / base_m, rel=1e-6)
 
 
 def test_only_a_vehicle_of_two_tracks_rolls():
@@ -57,7 +64,7 @@ def test_only_a_vehicle_of_two_tracks_rolls():
 
 
 @pytest.mark.parametrize('curvature, speed_mps, crossfall, degrees', [
-    (0.02, 15.0, 0.0, -24.64), (-0.02, 15.0, 0.0, 24.64), (0.0, 30.0, 0.0, 0.0),
+    (0.02, 15.0, 0.0, -24.65), (-0.02, 15.0, 0.0, 24.65), (0.0, 30.0, 0.0, 0.0),
     (0.01, 10.0, -0.1019368, 0.0),  # banked for this speed, so that it stands upright on the road
     (0.0, 30.0, 0.05, -2.862)])  # vertical on a road that rises to the left
 def test_rider_leans_into_bends(curvature, speed_mps, crossfall, degrees):
@@ -65,22 +72,48 @@ def test_rider_leans_into_bends(curvature, speed_mps, crossfall, degrees):
         degrees, abs=0.005)
 
 
-def _scene(config, road_class='C'):
-    return SimScene(with_ride(config, road_class))
+def _scene(config, seed=1):
+    return SimScene(with_ride(config, 'C', seed))
 
 
-def test_leaning_front_is_inside_the_bend_above_its_tyres():
+def _attitudes(config):
+    vehicle = SimScene(config).vehicles[0]
+    return [vehicle.attitude(vehicle.place(t)) for t in (0.0, 0.3)]
+
+
+def test_each_drawn_pass_has_a_road_of_its_own():
+    passes = [_attitudes(draw_pass(seed, number, ride='C').config)
+              for seed, number in ((0, 0), (0, 3), (1, 0), (0, 0))]
+    assert passes[0] == passes[3]
+    assert passes[0] != passes[1] and passes[0] != passes[2]
+
+
+def test_seed_of_simulate_draws_the_road(tmp_path):
+    parser = argparse.ArgumentParser()
+    simulate.add_arguments(parser)
+    level, *rough = (_attitudes(simulate.make_config(parser.parse_args(
+        ['--out', str(tmp_path / 'out'), *words]))) for words in (
+        [], ['--ride', 'C', '--seed', '1'], ['--ride', 'C', '--seed', '2']))
+    assert level == [LEVEL, LEVEL] and rough[0] != rough[1] and level not in rough
+
+
+@pytest.mark.parametrize('receding', [(), (0,)])
+@pytest.mark.parametrize('lane', [0, 1])
+def test_leaning_front_is_inside_the_bend_above_its_tyres(receding, lane):
     base = circle_config('30 mph', radius_m=40.0)
-    rider = replace(base.vehicles[0], kind='motorcycle')
-    smooth = with_ride(replace(base, vehicles=(rider,)), 'C')
-    scene = SimScene(replace(smooth, road=replace(smooth.road, roughness_m3=0.0)))
-    pose = scene.front(scene.vehicles[0], 0.5)
-    level = SimScene(base).front(SimScene(base).vehicles[0], 0.5)
-    np.testing.assert_allclose(pose.ground_m, level.ground_m, atol=1e-9)
+    base = replace(base, road=replace(base.road, lanes=2, receding=receding if lane == 0 else ()))
+    rider = replace(base.vehicles[0], kind='motorcycle', lane=lane)
+    level, leaning = (SimScene(replace(base, vehicles=(replace(rider, leans=leans),)))
+                      for leans in (False, True))
+    pose, upright = (scene.front(scene.vehicles[0], 0.5) for scene in (leaning, level))
+    np.testing.assert_array_equal(pose.ground_m, upright.ground_m)
+    np.testing.assert_array_equal(pose.ground_axes, upright.axes)
     height_m = rider.clearance_m + rider.front_height_m / 2
-    lean = math.atan((30 * MPH_MPS) ** 2 / 40.0 / 9.81)
-    inside = (pose.centre_m - pose.ground_m) @ level.axes[:, 1]  # bends to the left
-    assert inside == pytest.approx(height_m * math.sin(lean), abs=1e-6)
+    radius_m = 40.0 - leaning.road.lane_offset(lane)  # it bends to the left
+    lean = math.atan((30 * MPH_MPS) ** 2 / radius_m / 9.81)
+    left = 1 if lane == 1 or not receding else -1  # whose left is the inside
+    inside = left * (pose.centre_m - pose.ground_m) @ upright.axes[:, 1]
+    assert inside == pytest.approx(height_m * math.sin(lean), rel=1e-3)
     assert pose.corners_m[0] - pose.corners_m[3] == pytest.approx(
         rider.front_height_m * pose.axes[:, 2])
 
@@ -88,22 +121,37 @@ def test_leaning_front_is_inside_the_bend_above_its_tyres():
 @pytest.mark.parametrize('receding', [(), (0,)])
 def test_body_tilts_as_its_springs_say(receding):
     base = SimConfig()
-    scene = _scene(replace(base, road=replace(base.road, receding=receding)))
-    level = SimScene(replace(base, road=replace(base.road, receding=receding)))
-    vehicle, still = scene.vehicles[0], level.vehicles[0]
-    pose, flat = scene.front(vehicle, 0.4), level.front(still, 0.4)
+    base = replace(base, road=replace(base.road, receding=receding))
+    scene = _scene(base)
+    vehicle = scene.vehicles[0]
+    pose = scene.front(vehicle, 0.4)
     attitude = vehicle.attitude(vehicle.place(0.4))
     along = -1 if receding else 1  # of stations, relative to travel
-    assert (pose.ground_m - flat.ground_m) @ scene.up == pytest.approx(attitude.rise_m)
-    assert along * pose.axes[:, 0] @ flat.axes[:, 2] == pytest.approx(
-        math.sin(attitude.pitch_rad), abs=1e-9)
-    assert along * pose.axes[:, 1] @ flat.axes[:, 2] == pytest.approx(
+    up = pose.ground_axes[:, 2]
+    assert (pose.origin_m - pose.ground_m) @ scene.up == pytest.approx(attitude.rise_m)
+    assert along * pose.axes[:, 0] @ up == pytest.approx(math.sin(attitude.pitch_rad), abs=1e-9)
+    assert along * pose.axes[:, 1] @ up == pytest.approx(
         math.sin(attitude.roll_rad) * math.cos(attitude.pitch_rad), abs=1e-9)
+    level = SimScene(base)
+    flat = level.front(level.vehicles[0], 0.4)
+    np.testing.assert_array_equal(pose.ground_m, flat.ground_m)
+    np.testing.assert_array_equal(pose.ground_axes, flat.axes)
 
 
-def test_truth_does_not_depend_on_the_ride():
-    """The speed over ground is that of the place below the front."""
+def test_feet_of_a_leaning_body_and_mirror_images_belong_to_the_road():
     base = circle_config('30 mph', radius_m=40.0)
-    rough, level = (scene.truth(scene.vehicles[0], 0.5, 0)['speed']
-                    for scene in (_scene(base), SimScene(base)))
-    assert rough == level
+    rider = replace(base.vehicles[0], kind='motorcycle', leans=True)
+    scene = SimScene(replace(base, vehicles=(rider,)))
+    pose, body = scene.front(scene.vehicles[0], 0.5), rider.body
+    up = pose.ground_axes[:, 2]
+    assert (body_box(body, pose)[:4] - pose.ground_m) @ up == pytest.approx(0.0, abs=1e-9)
+    item = vehicle_item(scene, looks_of(body, False, np.random.default_rng(0)), pose, 0, lit=True)
+    assert len(item.lamps_m)
+    heights = [(places - pose.ground_m) @ up for places in (item.lamps_m, item.mirrored_m)]
+    assert heights[0] == pytest.approx(-heights[1]) and heights[0].min() > 0.3
+
+
+def test_leaning_car_is_refused():
+    base = SimConfig()
+    with pytest.raises(InputError, match='vehicle.leans'):
+        replace(base, vehicles=(replace(base.vehicles[0], leans=True),))
