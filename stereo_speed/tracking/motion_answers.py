@@ -291,21 +291,39 @@ def _across(times, ways, drift, across_std, persists):  # type: ignore
 
 
 @inlined
-def _above(times, ways, moves, ride, drift):  # type: ignore
+def _bounce(lag):  # type: ignore
+    """Return the correlation of heights, as :func:`motion_prior.bounce`."""
+    apart = abs(lag)
+    return (1 + apart) * np.exp(-apart)
+
+
+@inlined
+def _above(times, ways, moves, ride, smooth, springs, least):  # type: ignore
     """
     Return equations of the errors of heading and crossfall, offsets and right-hand side.
 
+    :param smooth: ride that is independent in each pair; the rest are springs.
     :return: the equations, and the logarithm of the determinant of the rows.
     """
+    smooth = min(ride, smooth)
+    drift, sprung = max(smooth, least), ride * ride - smooth * smooth
+    band = len(times) if sprung > 0 else 1
     n = len(times)
     equations = np.zeros((n + 3, n + 3))
     rows, covariance = np.zeros((n - 1, n + 2)), np.zeros((n - 1, n - 1))
     for i in range(n - 1):
         rows[i, 0], rows[i, 1], rows[i, 2 + i], rows[i, 3 + i] = -ways[i], -moves[i], -1.0, 1.0
-        covariance[i, i] = drift * drift * (times[i + 1] - times[i]) + 2 * ride * ride
+        covariance[i, i] = drift * drift * (times[i + 1] - times[i]) + 2 * smooth * smooth
         if i:
-            covariance[i, i - 1] = -ride * ride
-    log_rows = _add_rows(equations, rows, covariance, 1)
+            covariance[i, i - 1] = -smooth * smooth
+        if sprung > 0:
+            for j in range(i + 1):
+                covariance[i, j] += sprung * (
+                    _bounce(springs * (times[i + 1] - times[j + 1]))
+                    + _bounce(springs * (times[i] - times[j]))
+                    - _bounce(springs * (times[i + 1] - times[j]))
+                    - _bounce(springs * (times[i] - times[j + 1])))
+    log_rows = _add_rows(equations, rows, covariance, band)
     return equations, log_rows
 
 
@@ -316,7 +334,8 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
     n, count = len(times), len(models)
     stamp_std, jerk, first_acceleration = processes[0], processes[1], processes[2]
     drift, lane_std, lane_s = processes[3], processes[4], processes[5]
-    least, least_error = processes[6], processes[7]
+    smooth, springs = processes[6], processes[7]
+    least, least_error = processes[8], processes[9]
     error = np.maximum(stamp_std * np.abs(state[:, 3]), least_error) ** 2
     ways, moves = state[1:, 0] - state[:-1, 0], state[1:, 1] - state[:-1, 1]
     # parts that models share: motion along, across and above the path
@@ -354,7 +373,7 @@ def _answers(H, right, begun, begun_right, log_rows, times, state, models,  # ty
                 part[-1, 0] += begun_right[4 * n]
             else:
                 gone = asked = 2
-                part, log = _above(times, ways, moves, of, max(of, least))
+                part, log = _above(times, ways, moves, of, smooth, springs, least)
                 for k in range(2):
                     part[k, k] += begun[4 * n + 1 + k, 4 * n + 1 + k]
                     part[-1, k] += begun_right[4 * n + 1 + k]

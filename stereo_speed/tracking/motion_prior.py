@@ -12,11 +12,13 @@ process, with a small rate and with the paper's (2012, eq. 24).  *Changing speed
 is a Wiener process.  *Changing lanes*: in addition to the drift across the path (eq. 27) there is
 a persistent lateral rate, an Ornstein-Uhlenbeck process.  Each model comes with a smooth ride,
 where the height above the path stays within millimetres so that image rows give the range, and
-with a rough ride.  The evidence of the images then decides between them.
+with a rough ride, where the front also rises and sinks on its springs.  The evidence of the images
+then decides between them.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
@@ -70,7 +72,7 @@ class MotionModel:
     :param speed_rate_std: random walk of the speed, m/s/sqrt(s); None where the acceleration
         is a random walk instead.
     :param changes_lanes: whether there is also a persistent rate across the path.
-    :param ride_std_m: 1-sigma of the height above the path, m, and of its drift, m/sqrt(s).
+    :param ride_std_m: 1-sigma of the height above the path, m.
     """
 
     share: float
@@ -152,6 +154,9 @@ class Processes(NamedTuple):
     :param drift_across_m: of the drift across the path, m/sqrt(s).
     :param manoeuvre_across_m: of the drift due to a persistent rate over long times, m/sqrt(s).
     :param manoeuvre_s: correlation time of that rate, s.
+    :param smooth_ride_m: 1-sigma of the height above the path on a smooth ride, independent in
+        each pair, and of its drift, m/sqrt(s); what a rougher ride has beyond it are springs.
+    :param springs_rad_s: natural frequency of bodies on their springs.
     :param least_rate: lower limit of all rates and of ``acceleration_mps2``.
     :param least_stamp_error_m: lower limit of the position error due to stamps, m.
     """
@@ -162,6 +167,8 @@ class Processes(NamedTuple):
     drift_across_m: float
     manoeuvre_across_m: float
     manoeuvre_s: float
+    smooth_ride_m: float
+    springs_rad_s: float
     least_rate: float = LEAST_RATE
     least_stamp_error_m: float = LEAST_STAMP_ERROR_M
 
@@ -179,7 +186,8 @@ class PassMotion:
         self.prior, self.config = prior, config
         self.processes = Processes(
             stamp_std_s, config.jerk_rate_std, config.acceleration_std_mps2,
-            config.drift_across_std_m, config.manoeuvre_across_std_m, config.manoeuvre_across_s)
+            config.drift_across_std_m, config.manoeuvre_across_std_m, config.manoeuvre_across_s,
+            config.smooth_ride_std_m, 2 * math.pi * config.ride_hz)
         self._begun = NormalEquations(0)  # cached; depends on the number of observations only
 
     def equations(self, times_s: Array, state: Array,
@@ -334,8 +342,24 @@ def _above(processes: Processes, times_s: Array, state: Array, ride_m: float
     The road carries the vehicle, so it drifts little, but it bounces on its springs.
     """
     step = np.diff(np.eye(len(times_s)), axis=0)
-    drift = np.diag(max(ride_m, processes.least_rate) ** 2 * np.diff(times_s))
-    return _beside(state, 1, drift + ride_m ** 2 * step @ step.T)
+    smooth_m = min(ride_m, processes.smooth_ride_m)
+    drift = np.diag(max(smooth_m, processes.least_rate) ** 2 * np.diff(times_s))
+    heights = smooth_m ** 2 * np.eye(len(times_s)) + (ride_m ** 2 - smooth_m ** 2) * bounce(
+        processes.springs_rad_s * (times_s[:, None] - times_s))
+    return _beside(state, 1, drift + step @ heights @ step.T)
+
+
+def bounce(lag_rad: Array) -> Array:
+    """
+    Return the correlation of heights of a body on its springs.
+
+    It is that of a critically damped oscillator which white noise drives.  Real dampers are
+    weaker, but their natural frequency is not known, so the phase of a bounce is soon lost.
+
+    :param lag_rad: time between the heights times the natural frequency, rad.
+    """
+    apart = np.abs(lag_rad)
+    return np.asarray((1 + apart) * np.exp(-apart))
 
 
 def _beside(state: Array, axis: int, moves: Array) -> NormalEquations:
