@@ -403,13 +403,13 @@ class TrackerConfig(CheckedRecord):
         0.02, 0.0, 0.2, 'm/m', '1-sigma of the crossfall beside the path, which raises or lowers '
         'a vehicle that changes lanes')
     smooth_ride_std_m: float = parameter(
-        0.003, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a smooth ride, and of its '
-        'rise above the path within a second')
+        0.003, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a smooth ride, in each pair '
+        'by itself, and of its rise above the path within a second on any ride')
     rough_ride_std_m: float = parameter(
-        0.03, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a rough ride, where it '
-        'bounces on its springs')
+        0.03, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a rough ride; beyond '
+        'smooth_ride_std_m it is a bounce on springs')
     ride_hz: float = parameter(
-        1.3, 0.1, 20.0, 'Hz', 'natural frequency of vehicles on their springs')
+        1.3, 0.1, 20.0, 'Hz', 'natural frequency of vehicles that bounce on their springs')
     smooth_share: float = parameter(
         0.5, 0.0, 1.0, '', 'share of passes with a smooth ride')
     parts: int = parameter(

@@ -302,7 +302,9 @@ def _above(times, ways, moves, ride, smooth, springs, least):  # type: ignore
     """
     Return equations of the errors of heading and crossfall, offsets and right-hand side.
 
-    :param smooth: ride that is independent in each pair; the rest are springs.
+    :param smooth: part of the ride that is independent in each pair; the rest are springs.
+    :param springs: their natural frequency, rad/s.
+    :param least: lower limit of the drift.
     :return: the equations, and the logarithm of the determinant of the rows.
     """
     smooth = min(ride, smooth)

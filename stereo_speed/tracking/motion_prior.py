@@ -155,7 +155,7 @@ class Processes(NamedTuple):
     :param manoeuvre_across_m: of the drift due to a persistent rate over long times, m/sqrt(s).
     :param manoeuvre_s: correlation time of that rate, s.
     :param smooth_ride_m: 1-sigma of the height above the path on a smooth ride, independent in
-        each pair, and of its drift, m/sqrt(s); what a rougher ride has beyond it are springs.
+        each pair, and of its drift on any ride, m/sqrt(s); the rest of a rougher ride are springs.
     :param springs_rad_s: natural frequency of bodies on their springs.
     :param least_rate: lower limit of all rates and of ``acceleration_mps2``.
     :param least_stamp_error_m: lower limit of the position error due to stamps, m.
@@ -339,7 +339,8 @@ def _above(processes: Processes, times_s: Array, state: Array, ride_m: float
     """
     Return the equations of the drift above the path (eq. 27).
 
-    The road carries the vehicle, so it drifts little, but it bounces on its springs.
+    The road carries the vehicle, so it drifts little, but it bounces on its springs where the ride
+    is rougher than a smooth one.
     """
     step = np.diff(np.eye(len(times_s)), axis=0)
     smooth_m = min(ride_m, processes.smooth_ride_m)

@@ -112,7 +112,8 @@ def test_points_of_fronts():
 
 @pytest.mark.parametrize('count', [1, 2, 9, 24])
 @pytest.mark.parametrize('changes', [
-    {}, {'manoeuvre_across_std_m': 0.0, 'acceleration_std_mps2': 0.0, 'cruise_rate_std': 0.0}])
+    {}, {'smooth_ride_std_m': 0.05},
+    {'manoeuvre_across_std_m': 0.0, 'acceleration_std_mps2': 0.0, 'cruise_rate_std': 0.0}])
 def test_motion_model_answers_in_parts_equal_the_full_system(count, changes):
     """Each with its own 1-sigmas, with and without evidence about speeds."""
     rng = np.random.default_rng(count)
