@@ -403,8 +403,8 @@ class TrackerConfig(CheckedRecord):
         0.02, 0.0, 0.2, 'm/m', '1-sigma of the crossfall beside the path, which raises or lowers '
         'a vehicle that changes lanes')
     smooth_ride_std_m: float = parameter(
-        0.003, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a smooth ride, in each pair '
-        'by itself, and of its rise above the path within a second on any ride')
+        0.003, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a smooth ride, in each '
+        'pair by itself, and of its rise above the path within a second on any ride')
     rough_ride_std_m: float = parameter(
         0.03, 0.0005, 0.5, 'm', '1-sigma of the height of the front on a rough ride; beyond '
         'smooth_ride_std_m it is a bounce on springs')

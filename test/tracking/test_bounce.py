@@ -45,9 +45,9 @@ def test_heights_are_a_drift_an_independent_part_and_a_bounce(smooth_m, rough_m)
     def heights(i, j):
         x = 2 * np.pi * 2.0 * abs(times_s[i] - times_s[j])
         return alone_m ** 2 * (i == j) + (rough_m ** 2 - alone_m ** 2) * (1 + x) * np.exp(-x)
-    moves = np.array([[heights(i + 1, j + 1) - heights(i + 1, j) - heights(i, j + 1) + heights(i, j)
-                       + (i == j) * alone_m ** 2 * (times_s[i + 1] - times_s[i])
-                       for j in range(3)] for i in range(3)])
+    drift = np.diag(alone_m ** 2 * np.diff(times_s))
+    moves = drift + [[heights(i + 1, j + 1) - heights(i + 1, j) - heights(i, j + 1)
+                      + heights(i, j) for j in range(3)] for i in range(3)]
     step = np.diff(np.eye(4), axis=0)
     wanted = step.T @ np.linalg.inv(moves) @ step
     np.testing.assert_allclose(information, wanted, atol=1e-6 * wanted.max())
