@@ -111,9 +111,9 @@ def readings_of(step):
 
 def test_readings_do_not_wait_for_solutions(dense):
     solving = WhenTold()
-    # After so few pairs the braking allowance withholds them at once.
+    # After so few pairs the doubt whether it brakes withholds them at once.
     pipeline = marked(dense, solving, TrackerConfig(
-        visibility=VisibilityConfig(unnoticed_braking_mps2=0.0)))
+        onset_per_s=0.0, visibility=VisibilityConfig(unnoticed_braking_mps2=0.0)))
     pairs = dense[0].pairs
     for pair in pairs[:8]:
         pipeline.process(pair)
@@ -399,8 +399,9 @@ def uneven_until(ns, period_ns):
 def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
     """It learns of them after its solution, with which the stream may end as well."""
     solving, pairs = WhenTold(), dense[0].pairs
-    # Of a third of a second, too; whether the images speak for the stamps is another question.
-    config = TrackerConfig(max_speed_std_share=1.0, exposure_odds=1e6)
+    # Of a third of a second, too, in which braking would not show; whether the images speak for the
+    # stamps is another question.
+    config = TrackerConfig(max_speed_std_share=1.0, exposure_odds=1e6, onset_per_s=0.0)
     pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
     busy, other, rest = until_busy(pipeline, solving, pairs)
     period_ns, even_mps = pairs[1].stamp_ns - pairs[0].stamp_ns, busy.last.speed_std_mps
