@@ -399,8 +399,8 @@ def uneven_until(ns, period_ns):
 def test_track_being_solved_learns_of_its_stamps_without_waiting(dense, more):
     """It learns of them after its solution, with which the stream may end as well."""
     solving, pairs = WhenTold(), dense[0].pairs
-    # Of a third of a second, too, in which braking would not show; whether the images speak for the
-    # stamps is another question.
+    # Of a third of a second, too, in which braking would not show; whether the images speak for
+    # the stamps is another question.
     config = TrackerConfig(max_speed_std_share=1.0, exposure_odds=1e6, onset_per_s=0.0)
     pipeline, at_once = marked(dense, solving, config), marked(dense, None, config)
     busy, other, rest = until_busy(pipeline, solving, pairs)
