@@ -31,7 +31,7 @@ def solved(speeds_mps, std_mps, braked_s=None, places_m=None):
     size, s, v = AT.steady, AT.poses[:, 0], AT.speeds
     prior = NormalEquations(size + (braked_s is not None))
     for k in range(size):
-        prior.row([k], [1.0], 20.0 * (k in v), 5.0 if k == v[0] else 1e3)
+        prior.row([k], [1.0], 20.0 * (k in v), 5.0 if k == v[0] else 1e4)
     gaps_s, gained_mps, beside_m = np.diff(TIMES_S), np.zeros(3), np.zeros(3)
     if braked_s is not None:
         speeds, places = speeds_and_ways(*braked_s)
@@ -93,7 +93,7 @@ def test_mixture_equals_the_separately_solved_onsets(speeds_mps, std_mps, rate_f
     seen = np.append(AT.poses[:, 0], AT.speeds)
     np.testing.assert_allclose(mixed.mean[seen], mean[seen], atol=1e-6)
     np.testing.assert_allclose(mixed.covariance[np.ix_(seen, seen)],
-                               covariance[np.ix_(seen, seen)], atol=3e-7)  # 2e-4 of the largest
+                               covariance[np.ix_(seen, seen)], atol=1e-7)
     assert mixed.log_evidence == pytest.approx(logsumexp(log_shares), abs=1e-5)
 
 
