@@ -37,6 +37,9 @@ class NoiseConfig(CheckedRecord):
         2.0, 1.0, 1e6, '', 'degrees of freedom of the t distribution of the residuals: fewer give '
         'clipped lamps, sliding highlights and dirt less weight; a million treats the residuals '
         'as Gaussian')
+    gamma: float = parameter(
+        2.2, 1.0, 4.0, '', 'grey levels are this root of the light: 2.2 for sRGB and most '
+        'cameras, 1 for cameras that write the light itself')
     clipped_share: float = parameter(
         0.98, 0.5, 1.0, '', 'share of full scale from which a grey value counts as clipped: the '
         'outline of a clipped area keeps its size in pixels while the front grows')

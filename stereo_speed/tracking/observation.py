@@ -25,6 +25,7 @@ from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
 from ..core.tracker_config import NoiseConfig
 from ..geometry.rig import StereoRig
+from ..vision.encoding import blurred, DARK_SHARE, light_blurred
 from ..vision.grey import white_level
 from ..vision.sampling import low_pass_crop, Patches
 
@@ -129,7 +130,7 @@ class Observation:
 
 class _Crop(NamedTuple):
     """
-    The part of a view that the samples need, low-passed to the grid's spacing.
+    The part of a view that the samples need, its light low-passed to their spacing.
 
     :param smooth: (h, w) grey levels.
     :param near: (h, w) mask of clipped areas and their outlines; (0, 0) if there are none.
@@ -213,13 +214,16 @@ class ObservationSampler:
             return None
         lie = Spread(*spread(left, right, *self.grid_shape, _STEP_M))
         covered_px = 0.5 * n * float(lie.apart.prod(axis=1).sum())
-        crops = [self._cropped(image, bounds, np.hypot(_BLUR_STEPS * apart, blur_px).tolist())
-                 for image, bounds, apart, blur_px in zip(
-                     (pair.left, pair.right), lie.bounds, lie.apart,
+        whites = [white_level([image]) for image in (pair.left, pair.right)]
+        crops = [self._cropped(
+            image, white, bounds, np.hypot(_BLUR_STEPS * apart, blur_px).tolist())
+                 for image, white, bounds, apart, blur_px in zip(
+                     (pair.left, pair.right), whites, lie.bounds, lie.apart,
                      grown_blurs_px(self.blur_px, covered_px / self.blurred_at_px))]
         origins = np.array([crop.origin for crop in crops], dtype=np.float64)
         seen = Views(*views(crops[0].smooth, crops[0].near, crops[1].smooth, crops[1].near,
-                            origins, lie.at, lie.motion, lie.apart))
+                            origins, lie.at, lie.motion, lie.apart, self.noise.gamma,
+                            DARK_SHARE * whites[0]))
         glare = np.stack([crop.glare_at(at) for crop, at in zip(crops, lie.at)])
         per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])
         return Observation(
@@ -256,42 +260,39 @@ class ObservationSampler:
                 image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
             at = (uv - origin).astype(np.float32)
             for k, blurs in enumerate(blurs_px):
-                smooth = _blurred(crop, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart])
+                smooth = light_blurred(
+                    crop, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart],
+                    self.noise.gamma)
                 out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels
 
-    def _cropped(self, image: NDArray[Any], bounds: Array, sigma: Sequence[float]
+    def _cropped(self, image: NDArray[Any], white: int, bounds: Array, sigma: Sequence[float]
                  ) -> _Crop:
         """
-        Return the part of a view that the samples need, low-passed to the grid's spacing.
+        Return the part of a view that the samples need, its light low-passed to their spacing.
 
+        :param white: grey level of full scale.
         :param bounds: (2, 2) least and greatest pixel of the samples.
         :param sigma: 1-sigma of the low-pass down and across, px.
         """
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
-        white = white_level([image])
         clipped = _clipped(crop, white, self.noise)
+        smooth = light_blurred(crop, sigma, self.noise.gamma)
         if clipped is None:
-            return _Crop(_blurred(crop, sigma), _NOTHING, _NOTHING, origin)
+            return _Crop(smooth, _NOTHING, _NOTHING, origin)
         # Light from a lamp spreads by some pixels in the lens, and much of that is clipped too:
         # the further away the front, the larger the lamp relative to it.
-        near = _dilated(clipped, self.noise.clipped_reach_px).astype(np.float32)
+        near = blurred(_dilated(clipped, self.noise.clipped_reach_px).astype(np.float32), sigma)
+        # How much light is lost there is not known, so grey levels are averaged.
+        smooth += near * (blurred(crop, sigma) - smooth)
         glare = _glare(crop, clipped, white, self.noise)
-        return _Crop(_blurred(crop, sigma), _blurred(near, sigma),
-                     _NOTHING if glare is None else _blurred(glare, sigma), origin)
+        return _Crop(smooth, near, _NOTHING if glare is None else blurred(glare, sigma), origin)
 
 
 def _standardised(patches: Array) -> Array:
     """Return patches (..., G) with zero mean and unit variance, or 0 without contrast."""
     off = patches - patches.mean(axis=-1, keepdims=True)
     return np.asarray(off / np.maximum(off.std(axis=-1, keepdims=True), _LEAST_CONTRAST))
-
-
-def _blurred(image: Patches, sigma: Sequence[float]) -> Patches:
-    """Return an image after a Gaussian low-pass, 1-sigma in px down and across."""
-    size = [2 * math.ceil(3 * s) + 1 for s in sigma]
-    return np.asarray(cv2.GaussianBlur(image, size[::-1], sigmaX=sigma[1], sigmaY=sigma[0],
-                                       borderType=cv2.BORDER_REPLICATE))
 
 
 def _clipped(crop: Patches, white: int, noise: NoiseConfig) -> Optional[NDArray[np.uint8]]:

@@ -150,7 +150,8 @@ class Views(NamedTuple):
 
 
 def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: Patches,
-                origins: Array, at: Array, motion: Array, apart: Array) -> tuple[Array, ...]:
+                origins: Array, at: Array, motion: Array, apart: Array, gamma: float,
+                dark: float) -> tuple[Array, ...]:
     """
     Return the fields of :class:`Views`.
 
@@ -162,8 +163,10 @@ def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: P
     :param at: (2, 2, G) as of :class:`Spread`.
     :param motion: (2, 6, G, 2) as of :class:`Spread`.
     :param apart: (2, 2) as of :class:`Spread`.
+    :param gamma: grey levels are this root of the light.
+    :param dark: grey level from which on downwards they are taken to be in proportion to it.
     """
-    seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves, steps)
+    seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves, steps, gamma, dark)
             for smooth, near, origin, (u, v), moves, steps in zip(
                 (left, right), (left_near, right_near), origins, at, motion, apart)]
     patches, jacobian, alone, outlines, by_blur = (np.array(part) for part in zip(*seen))
@@ -171,8 +174,8 @@ def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: P
             jacobian[:, 3:].mean(axis=0), alone[:, 1].mean(axis=0))
 
 
-def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array, apart: Array
-               ) -> tuple[Array, Array, Array, Array, Array]:
+def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array, apart: Array,
+               gamma: float, dark: float) -> tuple[Array, Array, Array, Array, Array]:
     """
     Return the patch of a view, its derivatives by pose and relief, and its other changes.
 
@@ -182,10 +185,12 @@ def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
     :param v: (G,) rows of the samples in the crop.
     :param motion: (3 k, G, 2) derivatives of the samples' pixels, px/m; numbers 0, 3, … are by s.
     :param apart: (2,) mean distance of neighbouring samples, down and across, px.
+    :param gamma: as of :func:`plain_views`.
+    :param dark: likewise.
     :return: (G,) the patch, (3 k, G) its derivatives, (k, G) those by s before the patch is
         normalised, (G,) its change when the outlines of clipped areas move outwards, (G,) its
-        change by blur off clipped areas: the Laplacian of the image, in steps of the grid (the
-        heat equation).
+        change by blur off clipped areas: that of the image when its light has the change of its
+        Laplacian, in steps of the grid (the heat equation).
     """
     at, spline = np.stack([v, u]), ndimage.spline_filter(smooth, 3, np.float64)
     values = ndimage.map_coordinates(spline, at, order=3, mode='nearest', prefilter=False)
@@ -196,7 +201,9 @@ def plain_view(smooth: Patches, near: Patches, u: Array, v: Array, motion: Array
     jacobian = motion[..., 0] * by_u + motion[..., 1] * by_v  # (3, G)
     change = normalised_change(jacobian, patch)
     bends = [ndimage.correlate1d(smooth, (1, -2, 1), axis, mode='nearest') for axis in (0, 1)]
-    laplacian = sum(_between(bend, at) * step ** 2 for bend, step in zip(bends, apart))
+    outwards = (gamma - 1) / np.maximum(smooth, dark)  # of edges, into what is dark
+    laplacian = sum(_between(bend + outwards * np.square(slope), at) * step ** 2
+                    for bend, slope, step in zip(bends, slopes, apart))
     # Light is blurred before it is clipped: near clipped areas, blur moves their outlines.
     unclipped = 1 - _between(near, at) if near.size else np.ones_like(patch)
     by_blur = normalised_change((unclipped * laplacian / scale)[None], patch)[0]
@@ -320,8 +327,8 @@ def _settle(change, patch):  # type: ignore
 
 
 @inlined
-def _view(smooth, near, left, top, at, motion, apart, patch, outline, by_blur,  # type: ignore
-          change, alone):
+def _view(smooth, near, left, top, at, motion, apart, gamma, dark, patch,  # type: ignore
+          outline, by_blur, change, alone):
     """Write the results of :func:`plain_view` for one view into the last five arrays."""
     height, width = smooth.shape
     spline = _down(_down(smooth))  # transposed twice, so again of the shape of the crop
@@ -372,8 +379,11 @@ def _view(smooth, near, left, top, at, motion, apart, patch, outline, by_blur,  
                 down = _slope_down(smooth, i + a, j + b)
                 by_u += weight * across
                 by_v += weight * down
-                laplacian += weight * (_bend_down(smooth, i + a, j + b) * apart[0] ** 2
-                                       + _bend_across(smooth, i + a, j + b) * apart[1] ** 2)
+                outwards = (gamma - 1) / max(smooth[i + a, j + b], dark)
+                laplacian += weight * (
+                    (_bend_down(smooth, i + a, j + b) + outwards * down * down) * apart[0] ** 2
+                    + (_bend_across(smooth, i + a, j + b) + outwards * across * across)
+                    * apart[1] ** 2)
                 if near.size:
                     clipped += weight * near[i + a, j + b]
                     edge += weight * np.sqrt(across * across + down * down) * near[i + a, j + b]
@@ -402,8 +412,9 @@ def _view(smooth, near, left, top, at, motion, apart, patch, outline, by_blur,  
 
 
 @kernel(plain_views, '(f4[:,::1], f4[:,::1], f4[:,::1], f4[:,::1], f8[:,::1], f8[:,:,::1], '
-        'f8[:,:,:,::1], f8[:,::1])')
-def views(left, left_near, right, right_near, origins, at, motion, apart):  # type: ignore
+        'f8[:,:,:,::1], f8[:,::1], f8, f8)')
+def views(left, left_near, right, right_near, origins, at, motion, apart, gamma,  # type: ignore
+          dark):
     """Return the fields of :class:`Views`; arguments are those of :func:`plain_views`."""
     samples = at.shape[2]
     patches, by_blur, outlines = (
@@ -412,7 +423,8 @@ def views(left, left_near, right, right_near, origins, at, motion, apart):  # ty
     for side in range(2):
         smooth, near = (left, left_near) if side == 0 else (right, right_near)
         _view(smooth, near, origins[side, 0], origins[side, 1], at[side], motion[side],
-              apart[side], patches[side], outlines[side], by_blur[side], change[side], alone[side])
+              apart[side], gamma, dark, patches[side], outlines[side], by_blur[side],
+              change[side], alone[side])
     jacobian, by_relief = np.empty((2, 3, samples)), np.empty((2, samples))
     parting, parting_relief = np.empty((3, samples)), np.empty(samples)
     for c in range(3):

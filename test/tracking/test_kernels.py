@@ -79,7 +79,8 @@ def test_cross_terms(observations, outlined):
 
 @pytest.mark.parametrize('first', [4.2, -1.5])
 @pytest.mark.parametrize('lit', ['', 'left', 'right', 'both'])
-def test_views(first, lit):
+@pytest.mark.parametrize('gamma', [1.0, 2.2])
+def test_views(first, lit, gamma):
     """Points within the crop, and some beyond it, as at the edge of an image."""
     origins = np.array([[100.0, 20.0], [60.0, 25.0]])
     v, u = (a.ravel() for a in np.meshgrid(
@@ -91,7 +92,8 @@ def test_views(first, lit):
         args += [image, near if lit in (side, 'both') else np.zeros((0, 0), np.float32)]
     # slopes are of single precision
     agree(observation_kernels.views, *args, origins, np.stack([u, v]) + origins[:, :, None],
-          100 * RNG.standard_normal((2, 6, G, 2)), RNG.uniform(1, 6, (2, 2)), atol=1e-7)
+          100 * RNG.standard_normal((2, 6, G, 2)), RNG.uniform(1, 6, (2, 2)), gamma, 10.0,
+          atol=1e-7)
 
 
 def test_spread():

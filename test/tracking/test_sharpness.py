@@ -21,12 +21,18 @@ POSE = np.array([20.0, 0.1, 1.9])  # 40 m away
 STILL = np.zeros(3)
 
 
+def soft(image, px, gamma):
+    """Return an image whose light is blurred."""
+    light = cv2.GaussianBlur(image.astype(float) ** gamma, (0, 0), px)
+    return np.rint(light ** (1 / gamma)).astype(np.uint16)
+
+
 def seen(textured, left_px, right_px, noise=NoiseConfig()):
-    """Return the estimated blurs, and the sampler, for images blurred by given amounts."""
+    """Return the estimated blurs, and the sampler, for images whose light is blurred so much."""
     sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
                                  GRID.unit_xy, GRID.shape)
     pair = textured.pair(0, 0, POSE)
-    left, right = (image if not px else cv2.GaussianBlur(image, (0, 0), px)
+    left, right = (image if not px else soft(image, px, noise.gamma)
                    for image, px in ((pair.left, left_px), (pair.right, right_px)))
     pair = replace(pair, left=left, right=right)
     patches = sampler.blurred_patches(pair, POSE, STILL, trial_blurs_px(noise))

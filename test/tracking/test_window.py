@@ -30,7 +30,8 @@ SECOND = 1_000_000_000
 def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler):
     """Return a window of a pass whose first front was placed 0.7 m off along its ray."""
     sampler = sampler(
-        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape)
+        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape,
+        replace(config.noise, gamma=1.0))  # grey levels of the texture are not encoded
     range_m = 60 - pose[0]
     slope = np.array([-pose[1], 2 - pose[2]]) / range_m
     prior = PassPrior(s_m=pose[0] + 0.7, s_std_m=1.0, offset_m=pose[1:] + 0.7 * slope,

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..sim.bodies import draw_body_size
 from ..sim.config import SimConfig
-from ..sim.optics import FaultConfig, LensConfig
+from ..sim.optics import FaultConfig, LensConfig, USUAL_GAMMA
 from ..sim.props import DUSK, LightConfig, OVERCAST, StreetLampConfig, WET_NIGHT
 from ...core.errors import InputError
 from ...core.passes import VehicleClass
@@ -84,7 +84,7 @@ def draw_outdoors(config: SimConfig, number: int, held: Mapping[str, str],
         config, vehicles=(vehicle,), light=WET_NIGHT if night else sun,
         lens=LensConfig(core_px=float(rng.uniform(0.4, 0.8)),
                         halo_share=float(rng.uniform(0.01, 0.05)),
-                        halo_px=float(rng.uniform(4.0, 12.0))),
+                        halo_px=float(rng.uniform(4.0, 12.0)), gamma=USUAL_GAMMA),
         street_lamps=_street_lamps(rng) if night else (),
         exposure=0.35 if kinds['light'] == 'dusk' else config.exposure)
     return _with_fault(config, kinds['fault'], rng), kinds

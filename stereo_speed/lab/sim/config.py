@@ -287,8 +287,9 @@ class SimConfig:
         _want(self.camera_height_m > 0, 'camera_height_m', self.camera_height_m, 'positive')
         _want(self.picks >= 2, 'picks', self.picks, 'at least 2')
         lens, faults, light = self.lens, self.faults, self.light or LightConfig()
-        _want(lens.core_px >= 0 and lens.halo_px > 0 and 0 <= lens.halo_share < 1, 'lens', lens,
-              'widths of at least 0 px, a halo wider than that, and a share below 1')
+        _want(lens.core_px >= 0 and lens.halo_px > 0 and 0 <= lens.halo_share < 1
+              and lens.gamma >= 1, 'lens', lens, 'widths of at least 0 px, a halo wider than '
+              'that, a share below 1, and a gamma of at least 1')
         _want(0 <= faults.exposure_step < 1, 'faults.exposure_step', faults.exposure_step,
               'a share below 1')
         _want(min(faults.right_defocus_px, faults.dirt) >= 0 and faults.dirt_px > 0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .calibration_error import drawn_calibration
 from .config import SimConfig
-from .optics import FaultConfig, Optics, SHARP
+from .optics import FaultConfig, LensConfig, Optics, SHARP, USUAL_GAMMA
 from .sway import Sway, swayed
 from .texture import Image
 from ...core.errors import InputError
@@ -97,7 +97,9 @@ class Disturber:
             right_turn_s=what.turn_s), wind)
         self._motions = [sway.motion(t_s) for t_s in times_s]
         faults = FaultConfig(exposure_step=what.exposure_step, right_defocus_px=what.defocus_px)
-        self._optics = Optics(SHARP, faults, (rig.left.width_px, rig.left.height_px), light)
+        size = rig.left.width_px, rig.left.height_px
+        self._optics = Optics(LensConfig(gamma=USUAL_GAMMA), faults, size, light)
+        self._of_grain = Optics(SHARP, faults, size, light)
         self._exposures = [self._optics.exposure() for _ in times_s]
 
     def motion(self, index: int, side: int) -> Optional[RigMotion]:
@@ -131,15 +133,16 @@ class Disturber:
         exposure = self._exposures[index]
         light = image.astype(np.float32)
         light[image >= full] = full / min(exposure, 1.0)
-        light = exposure * self._seen(light, index, side)
+        light = exposure * self._seen(light, index, side, self._optics)
         noise = self._grain.standard_normal(light.shape, np.float32)
-        lost = max(0.0, 1.0 - float(self._seen(noise, index, side).var() / noise.var()))
+        kept = self._seen(noise, index, side, self._of_grain)
+        lost = max(0.0, 1.0 - float(kept.var() / noise.var()))
         light += np.float32(self._grain_grey[side] * np.sqrt(lost)) * noise
         return np.asarray(np.clip(np.rint(light), 0.0, full).astype(image.dtype))
 
-    def _seen(self, light: Image, index: int, side: int) -> Image:
-        moved = swayed(light, side, self.rig, self.motion(index, side))
-        return self._optics.spread(moved, int(side == self.what.camera))
+    def _seen(self, image: Image, index: int, side: int, optics: Optics) -> Image:
+        moved = swayed(image, side, self.rig, self.motion(index, side))
+        return optics.spread(moved, int(side == self.what.camera))
 
 
 def grain_grey(images: Sequence[NDArray[Any]]) -> float:

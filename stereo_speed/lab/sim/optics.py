@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 
 from .texture import Image
+from ...vision.encoding import to_grey, to_light
 
 COARSE = 4  # cell size of the grid on which the halo is computed, px
+USUAL_GAMMA = 2.2  # of most cameras, nearly that of sRGB
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,13 +21,16 @@ class LensConfig:
     The point spread of both lenses: a core, and a weak, wide halo around bright regions.
 
     :param core_px: 1-sigma of the core, px.
-    :param halo_share: share of the light in the halo.
+    :param halo_share: share of the grey level in the halo.
     :param halo_px: 1-sigma of the halo, px.
+    :param gamma: the core is that of light, and the cameras write this root of the light; 1 for
+        cameras that write the light itself.
     """
 
     core_px: float = 0.0
     halo_share: float = 0.0
     halo_px: float = 8.0
+    gamma: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,17 +88,21 @@ class Optics:
             image = image * self._clear
         lens = self.lens
         core_px = float(np.hypot(lens.core_px, self.faults.right_defocus_px * side))
-        core = image if core_px <= 0 else np.asarray(
-            cv2.GaussianBlur(image, (0, 0), core_px, borderType=cv2.BORDER_REPLICATE), np.float32)
+        core = image if core_px <= 0 else to_grey(
+            _blurred(to_light(image, lens.gamma), core_px), lens.gamma)
         if lens.halo_share <= 0:
             return core
         coarse = cv2.resize(image, None, fx=1 / COARSE, fy=1 / COARSE,
                             interpolation=cv2.INTER_AREA)
-        coarse = cv2.GaussianBlur(coarse, (0, 0), lens.halo_px / COARSE,
-                                  borderType=cv2.BORDER_REPLICATE)
+        coarse = _blurred(np.asarray(coarse, np.float32), lens.halo_px / COARSE)
         halo = cv2.resize(coarse, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(cv2.addWeighted(core, 1 - lens.halo_share, halo, lens.halo_share, 0.0),
                           np.float32)
+
+
+def _blurred(image: Image, sigma_px: float) -> Image:
+    return np.asarray(
+        cv2.GaussianBlur(image, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 def _transmission(faults: FaultConfig, size: tuple[int, int], rng: np.random.Generator) -> Image:

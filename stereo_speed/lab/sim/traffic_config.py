@@ -10,7 +10,7 @@ import numpy as np
 
 from .bodies import BodyConfig, draw_body_size
 from .config import RoadConfig, SimConfig
-from .optics import LensConfig
+from .optics import LensConfig, USUAL_GAMMA
 from .props import (
     DAY, DUSK, LightConfig, OVERCAST, ParkedConfig, PersonConfig, PoleConfig, StreetLampConfig,
     TreeConfig, WET_NIGHT)
@@ -137,6 +137,7 @@ def traffic_config(light: str = 'day', lanes: int = 3, receding: int = 0, fps: f
             StreetLampConfig(station_m=25.0), StreetLampConfig(station_m=-15.0),
             StreetLampConfig(station_m=5.0, offset_m=left_m + 2.0)))
     if outdoors:
-        scene = replace(scene, lens=LensConfig(core_px=0.6, halo_share=0.03, halo_px=8.0))
+        scene = replace(scene, lens=LensConfig(
+            core_px=0.6, halo_share=0.03, halo_px=8.0, gamma=USUAL_GAMMA))
     config = TrafficConfig(scene=replace(scene, **changes), minutes=minutes, vehicles=vehicles)
     return replace(config, solid=True, kinds=OUTDOOR_KINDS) if outdoors else config

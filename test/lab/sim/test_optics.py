@@ -68,6 +68,19 @@ def test_clipping_widens_a_lamp_by_a_constant_number_of_pixels():
     assert ratio[0] > ratio[1] > ratio[2]
 
 
+def test_cameras_that_encode_light_see_edges_move_into_the_dark():
+    """By hand: where half of the light of white arrives, 186 is written instead of 128."""
+    image = np.zeros(SIZE[::-1], np.float32)
+    image[:, 128:] = 255.0
+    columns = []
+    for gamma, middle in ((1.0, 127.5), (2.2, 186.1)):
+        seen = _optics(LensConfig(core_px=2.0, gamma=gamma)).spread(image, 0)[96]
+        assert seen[127:129].mean() == pytest.approx(middle, abs=2.0)
+        columns.append(np.interp(127.5, seen, np.arange(SIZE[0])))
+    # half of white is 0.22 of the light, 0.78 sigma into the dark
+    assert columns[0] - columns[1] == pytest.approx(2.0 * 0.78, abs=0.05)
+
+
 def test_faults_affect_one_camera_and_persist():
     rng = np.random.default_rng(1)
     one, other = (rng.uniform(20, 200, SIZE[::-1]).astype(np.float32) for _ in range(2))

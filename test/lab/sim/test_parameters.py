@@ -74,7 +74,7 @@ SKY = {'sun_elevation_deg': 20.0, 'sun_azimuth_deg': -60.0, 'shadow': 0.9, 'head
        'cloud_depth': 0.1, 'cloud_m': 60.0, 'wind_mps': (40.0, -20.0), 'drift': 0.05,
        'drift_period_s': 3.0, 'ambient': 0.4, 'wet': 1.0}
 STREET_LAMP = {'station_m': 30.0, 'offset_m': 3.0, 'height_m': 4.0, 'grey': 500.0}
-LENS = {'core_px': 1.0, 'halo_share': 0.3, 'halo_px': 4.0}
+LENS = {'core_px': 1.0, 'halo_share': 0.3, 'halo_px': 4.0, 'gamma': 2.2}
 FAULTS = {'exposure_step': 0.3, 'right_defocus_px': 2.0, 'dirt': 9, 'dirt_depth': 0.9,
           'dirt_px': 9.0}
 
