@@ -45,6 +45,9 @@ class NoiseConfig(CheckedRecord):
         'outline of a clipped area keeps its size in pixels while the front grows')
     clipped_reach_px: float = parameter(
         3.0, 0.0, 20.0, 'px', 'distance by which light spreads in the lens around a clipped area')
+    clipped_floor_px: float = parameter(
+        0.05, 0.0, 1.0, 'px', 'texture_floor_px of a front with clipped pixels, if that is less: '
+        'how much light is lost around lamps, and how it spreads, is not known')
     glare_level: float = parameter(
         0.45, 0.0, 10.0, '', 'share of full scale that three quarters of the places right beyond '
         'clipped_reach_px exceed where light spreads farther in the lens: glare; 10 for none')

@@ -258,15 +258,17 @@ class PassPhotometry:
         Of the block of H between poses and relief, only the one above the diagonal is filled.
         """
         n, noise = len(rows), self.noise
-        texture_floor_px = math.hypot(noise.texture_floor_px, more_px)
         pixels, both = np.where(counts, table.pixels[rows], 0.0), table.both[rows]
         ncc = correlation(both, pixels @ both / pixels.sum())
         pixels[ncc < self.limits.least_ncc] = 0.0
         if n < 2 or not pixels.any():
             return ncc
         by_blur = pixels @ table.by_blur[rows] / pixels.sum()
+        clip = table.outlines[rows].any(axis=(1, 2))
+        floor_px = math.hypot(_texture_floor_px(noise, float(clip @ pixels / pixels.sum())),
+                              more_px)
         # The texture is eliminated, so that what all observations have in common does not count.
-        terms = agree(table, rows, pixels, by_blur, noise, texture_floor_px)
+        terms = agree(table, rows, pixels, by_blur, noise, floor_px)
         poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)
         H[poses, poses] -= terms.shared @ terms.shared.T
         _add_blocks(H[poses, poses], terms.blocks)
@@ -275,6 +277,16 @@ class PassPhotometry:
         g[poses] += terms.right
         g[nodes] += self.basis @ terms.relief_right
         return ncc
+
+
+def _texture_floor_px(noise: NoiseConfig, clipped_share: float) -> float:
+    """
+    Return the systematic error of matching an observation to the texture, px.
+
+    :param clipped_share: share of the observations in which pixels clip.
+    """
+    more = max(noise.clipped_floor_px ** 2 - noise.texture_floor_px ** 2, 0.0)
+    return math.sqrt(noise.texture_floor_px ** 2 + clipped_share * more)
 
 
 def _temporal(table: Columns, rows: NDArray[np.int64], pixels: Array, by_blur: Array,

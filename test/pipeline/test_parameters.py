@@ -496,6 +496,7 @@ CASES: dict[str, Case] = {
     'noise.narrow_m': Case('short', 4.0),
     'noise.narrow_relief_std_m': Case('short', 0.1, {'noise.narrow_m': 4.0}),
     'noise.narrow_texture_floor_px': Case('short', 0.2, {'noise.narrow_m': 4.0}),
+    'noise.clipped_floor_px': Case('glare', 0.5),
     'noise.glare_level': Case('glare', 10.0), 'noise.glare_floor_px': Case('glare', 0.0),
     'noise.sharpness_sigmas': Case('blurred', 1000.0),
     'noise.most_blur_px': Case('blurred', 0.5),

@@ -10,7 +10,7 @@ import pytest
 from stereo_speed.core.tracker_config import NoiseConfig, VisibilityConfig
 from stereo_speed.tracking.motion_prior import rates_by_offsets
 from stereo_speed.tracking.observation import Observation
-from stereo_speed.tracking.observation_kernels import normalised_change
+from stereo_speed.tracking.observation_kernels import normalised_change, without
 from stereo_speed.tracking.photometric_terms import temporal
 from stereo_speed.tracking.photometry import (
     PassPhotometry, Photometry, scatters_px, views_agree)
@@ -122,6 +122,26 @@ def test_glare_that_grows_by_itself_does_not_displace_a_front(apart):
         error = poses_found[:, 1] - poses[:, 1]
         off.append(np.ptp(error - error.mean()))
     assert off[1] < 0.2 * off[0]
+
+
+def test_clipped_pixels_raise_the_floor_of_the_texture():
+    """By hand: in two of four observations to 0.1 px, so the mean square is that of 0.0721 px."""
+    rng = np.random.default_rng(5)
+    whole, _ = linear_observations(rng, 4, FLAT, 0.02)
+    outline = rng.normal(size=(2, len(BASIS)))
+    outline /= np.linalg.norm(outline, axis=1, keepdims=True)
+    clipped = [*whole[:2], *(replace(o, outlines=outline, jacobian=without(o.jacobian, outline))
+                             for o in whole[2:])]
+
+    def information(observations, **floors):
+        return photometry(match_floor_px=1.0, **floors)(observations).H
+    np.testing.assert_allclose(
+        information(clipped, texture_floor_px=0.02, clipped_floor_px=0.1),
+        information(clipped, texture_floor_px=0.0721, clipped_floor_px=0.0), rtol=1e-3)
+    for observations, floor_px in ((whole, 0.1), (clipped, 0.01)):
+        np.testing.assert_array_equal(
+            information(observations, texture_floor_px=0.02, clipped_floor_px=floor_px),
+            information(observations, texture_floor_px=0.02, clipped_floor_px=0.0))
 
 
 def test_information_in_glare_is_limited_by_its_own_floor():
