@@ -129,7 +129,7 @@ wide = rng.uniform(0, 255, (3, 9, 113)).astype(np.float32)
 for one, args in (
         (views, (crop, crop / 255, crop + 1, crop / 128, np.zeros((2, 2)),
                  rng.uniform(-2, 92, (2, 2, 640)), rng.standard_normal((2, 6, 640, 2)),
-                 rng.uniform(1, 6, (2, 2)))),
+                 rng.uniform(1, 6, (2, 2)), 2.2, 10.0)),
         (shifted, (wide, wide[::-1].copy(), np.full(3, 14), np.ones((3, 85), bool), 4))):
     if sys.argv[2]:
         one(*map(strided, args))
