@@ -110,7 +110,8 @@ def test_single_process_survives_a_bad_message_and_measures_the_pass(fault, stan
     stand_in.create_subscription(TwistWithCovarianceStamped, '/vehicle_speed', readings.append,
                                  RELIABLE)
     with Process('speed_camera_node', *RELIABLE_IMAGES, *RELIABLE_INFOS, *EVERY_PAIR,
-                 f'site:={sample / "site.yaml"}', SILENCE, 'visibility.reading_std_mps:=1.0') as node:
+                 f'site:={sample / "site.yaml"}', SILENCE,
+                 'visibility.reading_std_mps:=1.0') as node:
         stand_in.wait(lambda: health, STARTUP_S)  # the node has discovered its subscribers
         with Process('faulty_replay_node', f'bag:={sample / "bag"}', 'rate:=2',
                      f'fault:={fault}', 'fault_start:=0.9'):
