@@ -223,7 +223,7 @@ class ObservationSampler:
         origins = np.array([crop.origin for crop in crops], dtype=np.float64)
         seen = Views(*views(crops[0].smooth, crops[0].near, crops[1].smooth, crops[1].near,
                             origins, lie.at, lie.motion, lie.apart, self.noise.gamma,
-                            DARK_SHARE * whites[0]))
+                            DARK_SHARE * max(whites)))
         glare = np.stack([crop.glare_at(at) for crop, at in zip(crops, lie.at)])
         per_m = np.hypot(lie.centre[..., 0], lie.centre[..., 1])
         return Observation(

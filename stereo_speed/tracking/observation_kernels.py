@@ -164,7 +164,7 @@ def plain_views(left: Patches, left_near: Patches, right: Patches, right_near: P
     :param motion: (2, 6, G, 2) as of :class:`Spread`.
     :param apart: (2, 2) as of :class:`Spread`.
     :param gamma: grey levels are this root of the light.
-    :param dark: grey level from which on downwards they are taken to be in proportion to it.
+    :param dark: grey level below which the root is taken to be no steeper.
     """
     seen = [plain_view(smooth, near, u - origin[0], v - origin[1], moves, steps, gamma, dark)
             for smooth, near, origin, (u, v), moves, steps in zip(

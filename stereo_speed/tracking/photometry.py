@@ -283,7 +283,7 @@ def _texture_floor_px(noise: NoiseConfig, clipped_share: float) -> float:
     """
     Return the systematic error of matching an observation to the texture, px.
 
-    :param clipped_share: share of the observations in which pixels clip.
+    :param clipped_share: share of the observed pixels that are of observations in which some clip.
     """
     more = max(noise.clipped_floor_px ** 2 - noise.texture_floor_px ** 2, 0.0)
     return math.sqrt(noise.texture_floor_px ** 2 + clipped_share * more)

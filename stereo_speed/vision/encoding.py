@@ -6,7 +6,7 @@ How cameras encode light as grey values, and blur that acts on the light.
 Lenses and pixels average light, but most cameras write a root of it.  So a blurred edge between
 dark and bright lies further out on the dark side in the image than in the world, by a part of a
 pixel that stays the same while a vehicle comes nearer.  Taken for a part of the vehicle, it would
-make the vehicle seem to grow more slowly, by 0.3 % of its speed.
+make the vehicle seem to grow more slowly.
 """
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from .sampling import Patches
 
-DARK_SHARE = 0.04  # of full scale; below it, sRGB is linear, and roots are too steep
+DARK_SHARE = 0.04  # of full scale; below it, sRGB gets no steeper, as roots do
 
 
 def blurred(image: Patches, sigma: Sequence[float]) -> Patches:

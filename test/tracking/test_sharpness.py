@@ -30,7 +30,7 @@ def soft(image, px, gamma):
 def seen(textured, left_px, right_px, noise=NoiseConfig()):
     """Return the estimated blurs, and the sampler, for images whose light is blurred so much."""
     sampler = ObservationSampler(textured.rig, Front(textured.path, textured.corners_m),
-                                 GRID.unit_xy, GRID.shape)
+                                 GRID.unit_xy, GRID.shape, noise)
     pair = textured.pair(0, 0, POSE)
     left, right = (image if not px else soft(image, px, noise.gamma)
                    for image, px in ((pair.left, left_px), (pair.right, right_px)))
