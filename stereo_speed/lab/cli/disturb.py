@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='largest random change of the exposure of a pair')
     add('--defocus-px', type=number_in(float, 0, 20), default=0.0, metavar='PX',
         help='1-sigma of the blur of one camera')
+    add('--gamma', type=number_in(float, 1, 4), default=1.0,
+        help='blur the light of which the grey levels are this root, as lenses do: 2.2 for most '
+        'cameras (default: 1, which blurs grey levels)')
     add('--camera', choices=CAMERAS, default='right',
         help='camera that turns or is out of focus (default: right)')
     add('--calibration', action='store_true',
@@ -66,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     pan, tilt, roll = (args.turn_deg if axis == args.turn_axis else 0.0 for axis in AXES)
     what = Disturbance(
         sway_deg=args.sway_deg, sway_hz=args.sway_hz, turn_deg=(pan, tilt, roll),
-        turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px,
+        turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px, gamma=args.gamma,
         camera=CAMERAS.index(args.camera), calibration=args.calibration)
     done = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
                        args.right)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .calibration_error import drawn_calibration
 from .config import SimConfig
-from .optics import FaultConfig, LensConfig, Optics, SHARP, USUAL_GAMMA
+from .optics import FaultConfig, LensConfig, Optics, SHARP
 from .sway import Sway, swayed
 from .texture import Image
 from ...core.errors import InputError
@@ -42,6 +42,7 @@ class Disturbance:
     :param exposure_step: largest random change of the exposure of a pair, as a share; uniform
         between both signs, the same in both views.
     :param defocus_px: 1-sigma of the blur of one camera, px.
+    :param gamma: the images are taken to be this root of the light, which is blurred.
     :param camera: the camera that turns or is out of focus: 0 left, 1 right.
     :param calibration: whether errors are added to the calibration, see
         :func:`drawn_calibration`; the 1-sigmas are the default tolerances.
@@ -53,6 +54,7 @@ class Disturbance:
     turn_s: float = 0.0
     exposure_step: float = 0.0
     defocus_px: float = 0.0
+    gamma: float = 1.0
     camera: int = 1
     calibration: bool = False
 
@@ -98,7 +100,7 @@ class Disturber:
         self._motions = [sway.motion(t_s) for t_s in times_s]
         faults = FaultConfig(exposure_step=what.exposure_step, right_defocus_px=what.defocus_px)
         size = rig.left.width_px, rig.left.height_px
-        self._optics = Optics(LensConfig(gamma=USUAL_GAMMA), faults, size, light)
+        self._optics = Optics(LensConfig(gamma=what.gamma), faults, size, light)
         self._of_grain = Optics(SHARP, faults, size, light)
         self._exposures = [self._optics.exposure() for _ in times_s]
 

@@ -118,7 +118,7 @@ def test_exposure_steps_are_shared_by_the_pair():
 def test_defocused_camera_spreads_the_light_of_edges():
     step = np.where(np.arange(SMALL.width_px) < 160, 50.0, 200.0)
     image = np.tile(step, (SMALL.height_px, 1)).astype(np.uint8)
-    disturber = _disturber(defocus_px=2.0)
+    disturber = _disturber(defocus_px=2.0, gamma=2.2)
     row = disturber.disturbed(image, STAMPS_NS[0], RIGHT)[100].astype(float)
     rise = np.diff(row ** 2.2) / (200 ** 2.2 - 50 ** 2.2)
     at = np.arange(rise.size) + 0.5
@@ -131,7 +131,8 @@ def test_defocused_camera_that_sways_sees_black_beside_white():
     """Interpolation goes below black there, which has no root."""
     image = np.zeros((SMALL.height_px, SMALL.width_px), np.uint8)
     image[100:140, 160:] = 255
-    seen = _disturber(defocus_px=1.0, sway_deg=0.1).disturbed(image, STAMPS_NS[1], RIGHT)
+    disturber = _disturber(defocus_px=1.0, gamma=2.2, sway_deg=0.1)
+    seen = disturber.disturbed(image, STAMPS_NS[1], RIGHT)
     far = cv2.erode((image == 0).astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
     assert not seen[far].any() and seen[115:125, 200:300].min() == 255
 
