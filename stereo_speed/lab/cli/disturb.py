@@ -69,8 +69,8 @@ def run(args: argparse.Namespace) -> int:
     pan, tilt, roll = (args.turn_deg if axis == args.turn_axis else 0.0 for axis in AXES)
     what = Disturbance(
         sway_deg=args.sway_deg, sway_hz=args.sway_hz, turn_deg=(pan, tilt, roll),
-        turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px, gamma=args.gamma,
-        camera=CAMERAS.index(args.camera), calibration=args.calibration)
+        turn_s=args.turn_at, exposure_step=args.exposure_step, defocus_px=args.defocus_px,
+        gamma=args.gamma, camera=CAMERAS.index(args.camera), calibration=args.calibration)
     done = disturb_bag(args.bag, args.out, what, np.random.default_rng(args.seed), args.left,
                        args.right)
     print(f'{args.out}: {done.pairs} pairs')
