@@ -25,7 +25,7 @@ from ..core.records import Array, StereoPair
 from ..core.right_of_way import give_way
 from ..core.tracker_config import NoiseConfig
 from ..geometry.rig import StereoRig
-from ..vision.encoding import blurred, DARK_SHARE, light_blurred
+from ..vision.encoding import blurred, DARK_SHARE, light_blurred, to_grey, to_light
 from ..vision.grey import white_level
 from ..vision.sampling import low_pass_crop, Patches
 
@@ -259,9 +259,10 @@ class ObservationSampler:
             crop, origin = low_pass_crop(
                 image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
             at = (uv - origin).astype(np.float32)
+            light = to_light(crop, self.noise.gamma)
             for k, blurs in enumerate(blurs_px):
-                smooth = light_blurred(
-                    crop, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart],
+                smooth = to_grey(blurred(
+                    light, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart]),
                     self.noise.gamma)
                 out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels

@@ -41,6 +41,7 @@ class Columns(NamedTuple):
     :param jacobian: (2, 3, G) derivatives of the patches by the pose, 1/m.
     :param relief_jacobian: (2, G) derivatives of the patches by the relief, 1/m.
     :param outlines: (2, G) change by moving outlines, of unit length, or 0.
+    :param clips: 1 if it shows clipped pixels, 0 if not.
     :param glare: (2, G) share of each sample that lies in the glare of clipped areas.
     :param by_blur: (G,) change of the mean patch by blur.
     :param relief: (G,) relief that it was taken with at each sample, m.
@@ -63,6 +64,7 @@ class Columns(NamedTuple):
     jacobian: Array
     relief_jacobian: Array
     outlines: Array
+    clips: Array
     glare: Array
     by_blur: Array
     relief: Array
@@ -136,6 +138,7 @@ class ObservationTable:
             right_m=np.asarray(up_m), patches=o.patches, both=o.patches.mean(axis=0),
             across=np.asarray(o.patches[0] @ o.patches[1] / len(relief)), jacobian=o.jacobian,
             relief_jacobian=o.relief_jacobian, outlines=o.outlines,
+            clips=np.asarray(float(o.outlines.any())),
             glare=o.glare, by_blur=o.by_blur.mean(axis=0), relief=relief,
             pixels=np.asarray(o.pixels), shift_px=o.shift_px[0, 1],
             disparity_px=o.disparity_px[0], poses=share * terms.block,

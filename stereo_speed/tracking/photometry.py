@@ -264,9 +264,8 @@ class PassPhotometry:
         if n < 2 or not pixels.any():
             return ncc
         by_blur = pixels @ table.by_blur[rows] / pixels.sum()
-        clip = table.outlines[rows].any(axis=(1, 2))
-        floor_px = math.hypot(_texture_floor_px(noise, float(clip @ pixels / pixels.sum())),
-                              more_px)
+        clipped_share = float(table.clips[rows] @ pixels / pixels.sum())
+        floor_px = math.hypot(_texture_floor_px(noise, clipped_share), more_px)
         # The texture is eliminated, so that what all observations have in common does not count.
         terms = agree(table, rows, pixels, by_blur, noise, floor_px)
         poses, nodes = slice(0, len(terms.right)), slice(len(terms.right), None)

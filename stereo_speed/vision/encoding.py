@@ -32,15 +32,19 @@ def to_light(grey: Patches, gamma: float) -> Patches:
     """
     Return the light of grey levels, up to a factor.
 
-    :param grey: (h, w) grey levels of at least 0.
-    :param gamma: grey levels are this root of the light; 1 for a camera that writes light itself.
+    Levels below 0, which interpolation leaves beside what is bright, have no root and become 0.
+
+    :param grey: (h, w) grey levels.
+    :param gamma: grey levels are this root of the light; 1 for a camera that writes light itself,
+        of which they are returned as they are.
     """
-    return np.asarray(cv2.pow(grey, gamma), np.float32)
+    return grey if gamma == 1 else np.asarray(
+        cv2.pow(np.maximum(grey, np.float32(0)), gamma), np.float32)
 
 
 def to_grey(light: Patches, gamma: float) -> Patches:
     """Return the grey levels of light; arguments are those of :func:`to_light`."""
-    return np.asarray(cv2.pow(light, 1 / gamma), np.float32)
+    return light if gamma == 1 else np.asarray(cv2.pow(light, 1 / gamma), np.float32)
 
 
 def light_blurred(grey: Patches, sigma: Sequence[float], gamma: float) -> Patches:
@@ -49,6 +53,4 @@ def light_blurred(grey: Patches, sigma: Sequence[float], gamma: float) -> Patche
 
     :param sigma: 1-sigma down and across, px; the others are those of :func:`to_light`.
     """
-    if gamma == 1:
-        return blurred(grey, sigma)
     return to_grey(blurred(to_light(grey, gamma), sigma), gamma)

@@ -23,6 +23,7 @@ from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
 from stereo_speed.tracking.protocol import TrackStart
+from stereo_speed.vision.encoding import light_blurred
 import yaml
 
 cv2.setNumThreads(1)
@@ -92,6 +93,20 @@ class TexturedFront:
         right = self.image(BASELINE_M, pose if right_pose is None else right_pose, heading_rad,
                            rng)
         return StereoPair(index, stamp_ns, stamp_ns if right_ns is None else right_ns, left, right)
+
+    @staticmethod
+    def with_contrast(pair):
+        """Return a pair of 12 bits with grey levels from nearly black to nearly white."""
+        share = {side: getattr(pair, side) / 4095 for side in ('left', 'right')}
+        return replace(pair, **{side: np.rint(3900 / (1 + np.exp(-9 * (at - 0.45)))).astype(
+            np.uint16) for side, at in share.items()})
+
+    @staticmethod
+    def softened(pair, sigma_px, gamma):
+        """Return a pair whose light is blurred, where its grey levels are a root of it."""
+        return replace(pair, **{
+            side: np.rint(light_blurred(getattr(pair, side).astype(np.float32), [sigma_px] * 2,
+                                        gamma)).astype(np.uint16) for side in ('left', 'right')})
 
     def quads(self, pose):
         """Return the corners (4, 2) in both views, px."""

@@ -5,28 +5,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from stereo_speed.core.tracker_config import NoiseConfig, TrackerConfig, VerdictConfig
 from stereo_speed.tracking.constrained import ConstrainedTracker
-from stereo_speed.vision.encoding import light_blurred
 
-BLUR_PX, WHITE, TRUE_MPS = 1.0, 4095, 20.0
+BLUR_PX, TRUE_MPS = 1.0, 20.0
 # Neither rows nor disparities tell the speed, only how the front grows.
 BY_GROWTH = TrackerConfig(
     smooth_share=0.0, smooth_ride_std_m=0.3, rough_ride_std_m=0.3, onset_per_s=0.0,
     manoeuvre_probability=0.0, verdict=VerdictConfig(most_scatter_px=10.0))
-
-
-def taken(pair, gamma):
-    """Return a pair with grey levels from nearly black to white, its light blurred by the lens."""
-    views = {}
-    for side in ('left', 'right'):
-        share = getattr(pair, side).astype(np.float32) / WHITE
-        contrast = 3900 / (1 + np.exp(-9 * (share - 0.45)))
-        views[side] = np.rint(light_blurred(
-            contrast, [BLUR_PX] * 2, gamma)).astype(np.uint16)
-    return replace(pair, **views)
 
 
 @pytest.mark.parametrize('camera', [1.0, 2.2])
@@ -36,7 +23,7 @@ def test_speed_by_growth_has_no_bias_if_gamma_is_known(textured, camera):
     for seed in range(4):
         front = replace(textured, seed=seed)
         pairs, poses = front.drive(count=20, speed_mps=TRUE_MPS, pose=(2.0, 0.1, 1.9))
-        pairs = [taken(pair, camera) for pair in pairs]
+        pairs = [front.softened(front.with_contrast(pair), BLUR_PX, camera) for pair in pairs]
         for gamma in errors:
             config = replace(BY_GROWTH, noise=NoiseConfig(gamma=gamma, match_floor_px=1.0))
             tracker = ConstrainedTracker.start(

@@ -12,7 +12,6 @@ from stereo_speed.core.tracker_config import NoiseConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.observation import _glare, ObservationSampler
 from stereo_speed.tracking.observation_kernels import normalised_change
-from stereo_speed.vision.encoding import light_blurred
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 8)
@@ -258,27 +257,13 @@ def test_lamps_clip_where_the_bits_of_the_camera_end(clear, bits):
     np.testing.assert_allclose(found.outlines, wanted.outlines, atol=0.01)
 
 
-def with_contrast(pair):
-    """Return a pair of 12 bits with grey levels from nearly black to nearly white."""
-    grey = {side: getattr(pair, side) / 4095 for side in ('left', 'right')}
-    return replace(pair, **{side: np.rint(3900 / (1 + np.exp(-9 * (share - 0.45)))).astype(
-        np.uint16) for side, share in grey.items()})
-
-
-def softened(pair, sigma_px, gamma):
-    """Return a pair of 12 bits whose light is blurred."""
-    return replace(pair, **{
-        side: np.rint(light_blurred(getattr(pair, side).astype(np.float32), [sigma_px] * 2,
-                                    gamma)).astype(np.uint16) for side in ('left', 'right')})
-
-
 @pytest.mark.parametrize('gamma', [1.0, 2.2])
 @pytest.mark.parametrize('sigma_px', [0.3, 0.5])
 def test_change_by_blur_is_that_of_a_little_gaussian_blur(clear, sigma_px, gamma):
     """Up to the edges of the front, in grey values and per square of the grid's steps."""
     sampler = sampler_of(clear, NoiseConfig(gamma=gamma))
-    pair = with_contrast(clear.pair(0, 0, POSE))
-    blurred = softened(pair, sigma_px, gamma)
+    pair = clear.with_contrast(clear.pair(0, 0, POSE))
+    blurred = clear.softened(pair, sigma_px, gamma)
     sharp, soft = observe(sampler, pair), observe(sampler, blurred)
     for view in (0, 1):
         change = normalised_change(

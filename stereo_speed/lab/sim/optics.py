@@ -89,7 +89,7 @@ class Optics:
         lens = self.lens
         core_px = float(np.hypot(lens.core_px, self.faults.right_defocus_px * side))
         core = image if core_px <= 0 else to_grey(
-            _blurred(_light(image, lens.gamma), core_px), lens.gamma)
+            _blurred(to_light(image, lens.gamma), core_px), lens.gamma)
         if lens.halo_share <= 0:
             return core
         coarse = cv2.resize(image, None, fx=1 / COARSE, fy=1 / COARSE,
@@ -98,11 +98,6 @@ class Optics:
         halo = cv2.resize(coarse, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(cv2.addWeighted(core, 1 - lens.halo_share, halo, lens.halo_share, 0.0),
                           np.float32)
-
-
-def _light(image: Image, gamma: float) -> Image:
-    """Return the light of an image; interpolation beside what is bright goes below black."""
-    return image if gamma == 1 else to_light(np.maximum(image, np.float32(0)), gamma)
 
 
 def _blurred(image: Image, sigma_px: float) -> Image:

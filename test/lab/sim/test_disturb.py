@@ -115,12 +115,13 @@ def test_exposure_steps_are_shared_by_the_pair():
     assert all(one[110, 110] == 255 for one in left)  # clipped light stays so
 
 
-def test_defocused_camera_spreads_the_light_of_edges():
+@pytest.mark.parametrize('gamma', [1.0, 2.2])
+def test_defocused_camera_spreads_the_light_of_edges(gamma):
     step = np.where(np.arange(SMALL.width_px) < 160, 50.0, 200.0)
     image = np.tile(step, (SMALL.height_px, 1)).astype(np.uint8)
-    disturber = _disturber(defocus_px=2.0, gamma=2.2)
+    disturber = _disturber(defocus_px=2.0, gamma=gamma)
     row = disturber.disturbed(image, STAMPS_NS[0], RIGHT)[100].astype(float)
-    rise = np.diff(row ** 2.2) / (200 ** 2.2 - 50 ** 2.2)
+    rise = np.diff(row ** gamma) / (200 ** gamma - 50 ** gamma)
     at = np.arange(rise.size) + 0.5
     assert rise @ at == pytest.approx(159.5, abs=0.05)
     assert np.sqrt(rise @ np.square(at - rise @ at)) == pytest.approx(2.0, abs=0.1)
@@ -135,6 +136,7 @@ def test_defocused_camera_that_sways_sees_black_beside_white():
     seen = disturber.disturbed(image, STAMPS_NS[1], RIGHT)
     far = cv2.erode((image == 0).astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
     assert not seen[far].any() and seen[115:125, 200:300].min() == 255
+    assert (seen[:, 250] > 127).sum() > 40  # light spreads beyond the 40 rows of white
 
 
 def test_sixteen_bit_images_stay_sixteen_bit():
