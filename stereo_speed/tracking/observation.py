@@ -216,7 +216,7 @@ class ObservationSampler:
         covered_px = 0.5 * n * float(lie.apart.prod(axis=1).sum())
         whites = [white_level([image]) for image in (pair.left, pair.right)]
         crops = [self._cropped(
-            image, white, bounds, np.hypot(_BLUR_STEPS * apart, blur_px).tolist())
+            image, white, bounds, (_BLUR_STEPS * apart).tolist(), float(blur_px))
                  for image, white, bounds, apart, blur_px in zip(
                      (pair.left, pair.right), whites, lie.bounds, lie.apart,
                      grown_blurs_px(self.blur_px, covered_px / self.blurred_at_px))]
@@ -267,15 +267,17 @@ class ObservationSampler:
                 out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels
 
-    def _cropped(self, image: NDArray[Any], white: int, bounds: Array, sigma: Sequence[float]
-                 ) -> _Crop:
+    def _cropped(self, image: NDArray[Any], white: int, bounds: Array, low_pass: Sequence[float],
+                 blur_px: float) -> _Crop:
         """
         Return the part of a view that the samples need, its light low-passed to their spacing.
 
         :param white: grey level of full scale.
         :param bounds: (2, 2) least and greatest pixel of the samples.
-        :param sigma: 1-sigma of the low-pass down and across, px.
+        :param low_pass: 1-sigma of the low-pass down and across, px.
+        :param blur_px: 1-sigma of the blur of a lens out of focus that is added, px.
         """
+        sigma = [math.hypot(one, blur_px) for one in low_pass]
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
         clipped = _clipped(crop, white, self.noise)
         smooth = light_blurred(crop, sigma, self.noise.gamma)
@@ -284,8 +286,10 @@ class ObservationSampler:
         # Light from a lamp spreads by some pixels in the lens, and much of that is clipped too:
         # the further away the front, the larger the lamp relative to it.
         near = blurred(_dilated(clipped, self.noise.clipped_reach_px).astype(np.float32), sigma)
-        # How much light is lost there is not known, so grey levels are averaged.
-        smooth += near * (blurred(crop, sigma) - smooth)
+        # How much light is lost there is not known, so the low-pass averages grey levels.  A lens
+        # out of focus spreads light, and the other view may be clipped no more.
+        spread_out = light_blurred(crop, (blur_px, blur_px), self.noise.gamma) if blur_px else crop
+        smooth += near * (blurred(spread_out, low_pass) - smooth)
         glare = _glare(crop, clipped, white, self.noise)
         return _Crop(smooth, near, _NOTHING if glare is None else blurred(glare, sigma), origin)
 

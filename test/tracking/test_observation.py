@@ -211,6 +211,16 @@ def test_glare_is_what_is_bright_around_a_lamp_on_all_sides(clear):
     assert not observe(none, with_lamp(clear, 3.0, 6.0)).glare.any()
 
 
+def test_lamp_that_clips_in_one_view_is_spread_like_that_of_a_lens_out_of_focus(clear):
+    """The view in focus then looks like the other one, in which nothing is clipped."""
+    pair = with_lamp(clear, 3.0)
+    pair = replace(pair, right=clear.softened(pair, 2.0, 2.2).right)
+    assert pair.left.max() == 255 > pair.right.max()
+    sampler = sampler_of(clear)
+    sampler.blur_px = 2.0, 0.0
+    assert 1 - observe(sampler, pair).cross_ncc < 1e-3
+
+
 @pytest.mark.parametrize(('around', 'wanted'), [
     (0.2, 0.0), (0.34, 0.0), (0.45, 0.5), (0.5, 0.75), (0.9, 1.0)])
 def test_share_of_glare_by_hand(around, wanted):
