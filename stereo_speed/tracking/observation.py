@@ -165,7 +165,8 @@ class ObservationSampler:
 
     ``blur_px`` is the 1-sigma of the blur of the left and the right view that makes the sharper
     one as blurred as the other, px: see :mod:`.sharpness`.  It was estimated when the front
-    covered ``blurred_at_px`` pixels in a view.
+    covered ``blurred_at_px`` pixels in a view, and acts on the light of which grey levels are the
+    ``blur_gamma``-th root.
     """
 
     def __init__(self, rig: StereoRig, front: Front, unit_xy: Array,
@@ -176,6 +177,7 @@ class ObservationSampler:
         self._count = len(unit_xy)
         self.blur_px: tuple[float, float] = (0.0, 0.0)
         self.blurred_at_px = math.inf
+        self.blur_gamma = noise.gamma
         self.relief_basis = relief_basis(unit_xy)
 
     def less_blurred(self) -> list[ObservationSampler]:
@@ -234,7 +236,7 @@ class ObservationSampler:
             skew_px=float(np.linalg.norm(velocity_mps @ lie.centre[1]) * abs(pair.stamp_error_s)))
 
     def blurred_patches(self, pair: StereoPair, pose: Array, velocity_mps: Array,
-                        blurs_px: Sequence[tuple[float, float]]
+                        blurs_px: Sequence[tuple[float, float]], gamma: float
                         ) -> Optional[tuple[Array, float]]:
         """
         Return the patches of both views with each of n trial blurs.
@@ -242,6 +244,7 @@ class ObservationSampler:
         :param pose: (3,) as for :meth:`observe`.
         :param velocity_mps: (3,) as for :meth:`observe`.
         :param blurs_px: 1-sigmas of the left and the right view, px, of each trial.
+        :param gamma: they act on the light of which grey levels are this root.
         :return: (n, 2, G) patches and the number of pixels that they cover in a view; None where
             the front is not in both images.
         """
@@ -259,11 +262,10 @@ class ObservationSampler:
             crop, origin = low_pass_crop(
                 image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
             at = (uv - origin).astype(np.float32)
-            light = to_light(crop, self.noise.gamma)
+            light = to_light(crop, gamma)
             for k, blurs in enumerate(blurs_px):
                 smooth = to_grey(blurred(
-                    light, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart]),
-                    self.noise.gamma)
+                    light, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart]), gamma)
                 out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels
 
@@ -275,21 +277,20 @@ class ObservationSampler:
         :param white: grey level of full scale.
         :param bounds: (2, 2) least and greatest pixel of the samples.
         :param low_pass: 1-sigma of the low-pass down and across, px.
-        :param blur_px: 1-sigma of the blur of a lens out of focus that is added, px.
+        :param blur_px: 1-sigma of the blur that makes it as soft as the other view, px.
         """
-        sigma = [math.hypot(one, blur_px) for one in low_pass]
         crop, origin = low_pass_crop(image, bounds[0] - _BORDER_PX, bounds[1] + _BORDER_PX, 1.0)
         clipped = _clipped(crop, white, self.noise)
-        smooth = light_blurred(crop, sigma, self.noise.gamma)
+        soft = light_blurred(crop, (blur_px, blur_px), self.blur_gamma) if blur_px else crop
+        smooth = light_blurred(soft, low_pass, self.noise.gamma)
         if clipped is None:
             return _Crop(smooth, _NOTHING, _NOTHING, origin)
         # Light from a lamp spreads by some pixels in the lens, and much of that is clipped too:
         # the further away the front, the larger the lamp relative to it.
+        sigma = [math.hypot(one, blur_px) for one in low_pass]
         near = blurred(_dilated(clipped, self.noise.clipped_reach_px).astype(np.float32), sigma)
-        # How much light is lost there is not known, so the low-pass averages grey levels.  A lens
-        # out of focus spreads light, and the other view may be clipped no more.
-        spread_out = light_blurred(crop, (blur_px, blur_px), self.noise.gamma) if blur_px else crop
-        smooth += near * (blurred(spread_out, low_pass) - smooth)
+        # How much light is lost there is not known, so the low-pass averages grey levels.
+        smooth += near * (blurred(soft, low_pass) - smooth)
         glare = _glare(crop, clipped, white, self.noise)
         return _Crop(smooth, near, _NOTHING if glare is None else blurred(glare, sigma), origin)
 

@@ -8,6 +8,10 @@ most where they are most informative, and in one of them the edges of the front 
 background.  Blurring the other view by the same amount makes them alike.  Differences of blur are
 compared at the same sum of squares of both blurs, so that each averages noise equally.
 
+A lens blurs light; scaling, compression and the noise reduction of a camera blur grey levels.  How
+much brighter lamps are than the rest of the front makes the two look different, and the views tell
+which it is.
+
 A lens blurs all pairs by the same number of pixels, so the log-likelihoods of pairs add up.  The
 first pairs are the most informative: nearer, clipped lamps differ more than the rest of the front.
 """
@@ -31,6 +35,11 @@ def trial_blurs_px(noise: NoiseConfig) -> list[tuple[float, float]]:
     square = 0.5 * noise.most_blur_px ** 2
     return [(math.sqrt(square * (1 + share)), math.sqrt(square * (1 - share)))
             for share in _SHARES]
+
+
+def trial_gammas(noise: NoiseConfig) -> tuple[float, ...]:
+    """Return the trial exponents: trial blurs act on light or on grey levels, its roots."""
+    return tuple(dict.fromkeys((noise.gamma, 1.0)))
 
 
 def blur_log_likelihoods(patches: Array, pixels: float, noise: NoiseConfig) -> Array:

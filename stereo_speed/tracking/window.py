@@ -32,7 +32,7 @@ from .observation import Observation, ObservationSampler
 from .photometry import views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_weights
-from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px
+from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px, trial_gammas
 from .solution import NEGLIGIBLE, Solution, Solver
 from ..core.records import Array, StereoPair
 from ..core.stamp_watch import Gap
@@ -90,7 +90,8 @@ class PhotometricWindow:
         nodes = sampler.relief_basis.shape[1]
         self._window = Window((), np.zeros((0, 4)), np.zeros(nodes), np.ones(nodes))
         self._agreement: Array = np.zeros(0)  # left-right NCCs of the last solution
-        self._blurs: list[Array] = []  # log-likelihoods of the views' blurs, one per first pair
+        # log-likelihoods of the trial exponents and blurs, one array for each of the first pairs
+        self._blurs: list[Array] = []
 
     def add(self, pair: StereoPair, guess: Array, *, reacquires: bool = False
             ) -> Optional[Posterior]:
@@ -167,15 +168,20 @@ class PhotometricWindow:
 
     def _judge_sharpness(self, pair: StereoPair, state: Array) -> None:
         """Add a pair's evidence of which view is sharper; arguments as for :meth:`add`."""
-        noise = self.config.noise
-        blurred = self.sampler.blurred_patches(
-            pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise))
-        if blurred is None:
-            return
-        if not self._blurs:
-            self.sampler.blurred_at_px = blurred[1]
-        self._blurs.append(blur_log_likelihoods(*blurred, noise))
-        self.sampler.blur_px = equal_blurs_px(np.sum(self._blurs, axis=0), noise)
+        noise, said, gammas = self.config.noise, [], trial_gammas(self.config.noise)
+        for gamma in gammas:
+            blurred = self.sampler.blurred_patches(
+                pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise), gamma)
+            if blurred is None:
+                return
+            if not self._blurs:
+                self.sampler.blurred_at_px = blurred[1]
+            said.append(blur_log_likelihoods(*blurred, noise))
+        self._blurs.append(np.array(said))
+        total = np.sum(self._blurs, axis=0)
+        best = int(total.max(axis=1).argmax())
+        self.sampler.blur_gamma = gammas[best]
+        self.sampler.blur_px = equal_blurs_px(total[best], noise)
 
     def _with_equal_sharpness(self, window: Window, posterior: Posterior
                               ) -> tuple[Window, Posterior]:
@@ -187,14 +193,16 @@ class PhotometricWindow:
         """
         if not self._blurs or len(self._blurs) >= _BLUR_PAIRS or len(window.keyframes) < 2:
             return window, posterior
-        before = self.sampler.blur_px
+        before = self.sampler.blur_px, self.sampler.blur_gamma
         self._judge_sharpness(window.pairs[-1], window.states[-1])
-        remade = None if self.sampler.blur_px == before else self._remade(window)
+        now = self.sampler.blur_px, self.sampler.blur_gamma
+        same = now == before or not any(now[0] + before[0])
+        remade = None if same else self._remade(window)
         if remade is not None and len(remade.keyframes) == len(window.keyframes):
             sharp_window, sharp_posterior = self._refined(remade, _REACQUIRED)
             if sharp_posterior.unoccluded[-1]:
                 return sharp_window, sharp_posterior
-        self.sampler.blur_px = before
+        self.sampler.blur_px, self.sampler.blur_gamma = before
         return window, posterior
 
     def solve_pass(self) -> SolvedPass:

@@ -27,11 +27,15 @@ MPS = 20.0
 SECOND = 1_000_000_000
 
 
-def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler):
-    """Return a window of a pass whose first front was placed 0.7 m off along its ray."""
-    sampler = sampler(
-        textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy, GRID.shape,
-        replace(config.noise, gamma=1.0))  # grey levels of the texture are not encoded
+def window_of(textured, pose, config=TrackerConfig(), sampler=ObservationSampler, gamma=1.0):
+    """
+    Return a window of a pass whose first front was placed 0.7 m off along its ray.
+
+    :param gamma: grey levels of the texture are this root of the light.
+    """
+    config = replace(config, noise=replace(config.noise, gamma=gamma))
+    sampler = sampler(textured.rig, Front(textured.path, textured.corners_m), GRID.unit_xy,
+                      GRID.shape, config.noise)
     range_m = 60 - pose[0]
     slope = np.array([-pose[1], 2 - pose[2]]) / range_m
     prior = PassPrior(s_m=pose[0] + 0.7, s_std_m=1.0, offset_m=pose[1:] + 0.7 * slope,
@@ -410,8 +414,8 @@ def test_right_view_off_its_epipolar_line_has_no_speed_information(textured):
 def first_gain(textured, pair, pose):
     """Return the log evidence that one pair gives for its likeliest blur difference over none."""
     window, noise = window_of(textured, pose), NoiseConfig()
-    said = blur_log_likelihoods(
-        *window.sampler.blurred_patches(pair, pose, np.zeros(3), trial_blurs_px(noise)), noise)
+    said = blur_log_likelihoods(*window.sampler.blurred_patches(
+        pair, pose, np.zeros(3), trial_blurs_px(noise), 1.0), noise)
     return float(said.max() - said[len(said) // 2])
 
 
@@ -431,6 +435,18 @@ def test_later_pairs_decide_the_focus_that_one_pair_leaves_open(textured, textur
     # Observations from before it was known are not in the solution.
     speeds = [np.mean(one.solve_pass().posterior.mean[:, 3]) for one in (late, known)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.02)
+
+
+@pytest.mark.parametrize('blurred', ['light', 'grey levels'])
+def test_views_tell_whether_light_or_grey_levels_are_blurred(textured, textured_drive, blurred):
+    pairs, poses = textured_drive
+    pairs = [textured.with_contrast(pair) for pair in pairs[:4]]
+    gamma = 2.2 if blurred == 'light' else 1.0
+    pairs = [replace(p, right=textured.softened(p, 1.5, gamma).right) for p in pairs]
+    window = window_of(textured, poses[0], gamma=2.2)
+    feed(window, pairs, poses)
+    assert window.sampler.blur_px == pytest.approx((1.5, 0.0), abs=0.15)
+    assert window.sampler.blur_gamma == gamma
 
 
 def test_equally_sharp_views_are_never_blurred(steady):
