@@ -272,7 +272,7 @@ class ObservationSampler:
     def _cropped(self, image: NDArray[Any], white: int, bounds: Array, low_pass: Sequence[float],
                  blur_px: float) -> _Crop:
         """
-        Return the part of a view that the samples need, its light low-passed to their spacing.
+        Return the part of a view that the samples need, softened and low-passed to their spacing.
 
         :param white: grey level of full scale.
         :param bounds: (2, 2) least and greatest pixel of the samples.

@@ -38,7 +38,7 @@ def trial_blurs_px(noise: NoiseConfig) -> list[tuple[float, float]]:
 
 
 def trial_gammas(noise: NoiseConfig) -> tuple[float, ...]:
-    """Return the trial exponents: trial blurs act on light or on grey levels, its roots."""
+    """Return the roots of light on which blurs are tried to act: ``noise.gamma``, and none."""
     return tuple(dict.fromkeys((noise.gamma, 1.0)))
 
 
@@ -71,6 +71,23 @@ def equal_blurs_px(log_likelihood: Array, noise: NoiseConfig) -> tuple[float, fl
     place = float(parabola_peak(log_likelihood)[0])
     square = float(np.interp(place, np.arange(len(_SHARES)), _SHARES)) * noise.most_blur_px ** 2
     return math.sqrt(max(square, 0.0)), math.sqrt(max(-square, 0.0))
+
+
+def likeliest_blurs(log_likelihood: Array, noise: NoiseConfig
+                    ) -> tuple[float, tuple[float, float]]:
+    """
+    Return on which root of light blur acts, and the blurs of :func:`equal_blurs_px`.
+
+    The evidence of a root is what its best blur gains over equal sharpness: another root also
+    changes the contrast of the patches, which says nothing about blur.
+
+    :param log_likelihood: (k, n) of :func:`blur_log_likelihoods`, summed over pairs, for each of
+        :func:`trial_gammas`.
+    :param noise: parameters; here, as for :func:`equal_blurs_px`.
+    """
+    gain = log_likelihood.max(axis=1) - log_likelihood[:, len(_SHARES) // 2]
+    best = int(gain.argmax())
+    return trial_gammas(noise)[best], equal_blurs_px(log_likelihood[best], noise)
 
 
 def grown_blurs_px(blur_px: tuple[float, float], growth: float) -> tuple[float, float]:

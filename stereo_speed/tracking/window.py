@@ -32,7 +32,7 @@ from .observation import Observation, ObservationSampler
 from .photometry import views_agree
 from .posterior import Posterior, SolvedPass
 from .relief import node_weights
-from .sharpness import blur_log_likelihoods, equal_blurs_px, trial_blurs_px, trial_gammas
+from .sharpness import blur_log_likelihoods, likeliest_blurs, trial_blurs_px, trial_gammas
 from .solution import NEGLIGIBLE, Solution, Solver
 from ..core.records import Array, StereoPair
 from ..core.stamp_watch import Gap
@@ -167,21 +167,23 @@ class PhotometricWindow:
                                   effort.pass_observations - effort.live_observations)
 
     def _judge_sharpness(self, pair: StereoPair, state: Array) -> None:
-        """Add a pair's evidence of which view is sharper; arguments as for :meth:`add`."""
-        noise, said, gammas = self.config.noise, [], trial_gammas(self.config.noise)
-        for gamma in gammas:
-            blurred = self.sampler.blurred_patches(
-                pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise), gamma)
-            if blurred is None:
-                return
-            if not self._blurs:
-                self.sampler.blurred_at_px = blurred[1]
-            said.append(blur_log_likelihoods(*blurred, noise))
-        self._blurs.append(np.array(said))
-        total = np.sum(self._blurs, axis=0)
-        best = int(total.max(axis=1).argmax())
-        self.sampler.blur_gamma = gammas[best]
-        self.sampler.blur_px = equal_blurs_px(total[best], noise)
+        """
+        Add a pair's evidence of which view is sharper, and make the sampler blur accordingly.
+
+        Arguments are those of :meth:`add`.
+        """
+        noise = self.config.noise
+        trials = [self.sampler.blurred_patches(
+            pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise), gamma)
+                  for gamma in trial_gammas(noise)]
+        seen = [trial for trial in trials if trial is not None]
+        if not seen:
+            return
+        if not self._blurs:
+            self.sampler.blurred_at_px = seen[0][1]
+        self._blurs.append(np.array([blur_log_likelihoods(*trial, noise) for trial in seen]))
+        self.sampler.blur_gamma, self.sampler.blur_px = likeliest_blurs(
+            np.sum(self._blurs, axis=0), noise)
 
     def _with_equal_sharpness(self, window: Window, posterior: Posterior
                               ) -> tuple[Window, Posterior]:
@@ -196,7 +198,8 @@ class PhotometricWindow:
         before = self.sampler.blur_px, self.sampler.blur_gamma
         self._judge_sharpness(window.pairs[-1], window.states[-1])
         now = self.sampler.blur_px, self.sampler.blur_gamma
-        same = now == before or not any(now[0] + before[0])
+        alike = (0.0, 0.0)  # no blur, on which gamma has no effect
+        same = now == before or now[0] == before[0] == alike
         remade = None if same else self._remade(window)
         if remade is not None and len(remade.keyframes) == len(window.keyframes):
             sharp_window, sharp_posterior = self._refined(remade, _REACQUIRED)

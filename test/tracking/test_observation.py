@@ -211,14 +211,18 @@ def test_glare_is_what_is_bright_around_a_lamp_on_all_sides(clear):
     assert not observe(none, with_lamp(clear, 3.0, 6.0)).glare.any()
 
 
-def test_lamp_that_clips_in_one_view_is_spread_like_that_of_a_lens_out_of_focus(clear):
-    """The view in focus then looks like the other one, in which nothing is clipped."""
+@pytest.mark.parametrize('gamma', [1.0, 2.2])
+def test_lamp_that_clips_in_one_view_is_blurred_as_in_the_other(clear, gamma):
+    """The view in focus then looks like the one whose light, or whose grey levels, are blurred."""
     pair = with_lamp(clear, 3.0)
-    pair = replace(pair, right=clear.softened(pair, 2.0, 2.2).right)
+    pair = replace(pair, right=clear.softened(pair, 2.0, gamma).right)
     assert pair.left.max() == 255 > pair.right.max()
     sampler = sampler_of(clear)
     sampler.blur_px = 2.0, 0.0
-    assert 1 - observe(sampler, pair).cross_ncc < 1e-3
+    lacks = []
+    for sampler.blur_gamma in (gamma, 3.2 - gamma):
+        lacks.append(1 - observe(sampler, pair).cross_ncc)
+    assert lacks[0] < 1e-3 and lacks[0] < 0.1 * lacks[1]
 
 
 @pytest.mark.parametrize(('around', 'wanted'), [

@@ -13,7 +13,7 @@ from stereo_speed.core.tracker_config import NoiseConfig
 from stereo_speed.tracking.front import Front
 from stereo_speed.tracking.observation import ObservationSampler
 from stereo_speed.tracking.sharpness import (
-    blur_log_likelihoods, equal_blurs_px, grown_blurs_px, trial_blurs_px)
+    blur_log_likelihoods, equal_blurs_px, grown_blurs_px, likeliest_blurs, trial_blurs_px)
 from stereo_speed.vision.haar import PartGrid
 
 GRID = PartGrid(10, 8)
@@ -49,6 +49,18 @@ def test_sharper_view_is_blurred_to_match_the_other(textured, left_px, right_px)
         patches = sampler.observe(pair, POSE, STILL, 0.0, np.zeros(32)).patches
         return float(np.mean(patches[0] * patches[1]))
     assert 1 - agreement(found) < 0.5 * (1 - agreement((0.0, 0.0)))
+
+
+@pytest.mark.parametrize('gamma', [1.0, 2.2])
+def test_root_whose_blur_gains_most_counts(gamma):
+    """By hand: the best shares gain 20 and 12; the other root says more of any blur."""
+    rise = -np.abs(np.linspace(-1, 1, 9) - 0.5)  # its peak is at a share of 0.5
+    of_light, of_grey = 40 * rise, 24 * rise + 100
+    both = np.array([of_light, of_grey] if gamma == 2.2 else [of_grey, of_light])
+    found, blurs_px = likeliest_blurs(both, NoiseConfig(gamma=2.2))
+    assert found == gamma
+    assert blurs_px == pytest.approx((math.sqrt(0.5) * NoiseConfig().most_blur_px, 0.0))
+    assert likeliest_blurs(0.01 * both, NoiseConfig(gamma=2.2))[1] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(('blur_px', 'growth', 'wanted'), [
