@@ -52,7 +52,15 @@ class Dying(Ready):
         return True
 
 
-class DyingBeforePasses(PassProcess):
+class Patient(PassProcess):
+    """Waits long enough for an answer on a busy machine."""
+
+    def __init__(self, answer_s=120.0, **more):
+        """Wait for that time."""
+        super().__init__(answer_s, **more)
+
+
+class DyingBeforePasses(Patient):
     """Is killed before it can measure a pass."""
 
     def wait(self):
@@ -68,7 +76,7 @@ def files(folder):
 
 @pytest.mark.slow
 def test_files_do_not_depend_on_helpers_or_their_death(sample, tmp_path, monkeypatch, capfd):
-    def written(name, helpers, search=Ready, passes=PassProcess):
+    def written(name, helpers, search=Ready, passes=Patient):
         monkeypatch.setattr(replay.Helpers, 'of', lambda *_, beside: helpers())
         monkeypatch.setattr(replay_helpers, 'SearchProcess', search)
         monkeypatch.setattr(replay_helpers, 'PassProcess', passes)
