@@ -78,6 +78,8 @@ def likeliest_blurs(log_likelihood: Array, noise: NoiseConfig
     """
     Return on which root of light blur acts, and the blurs of :func:`equal_blurs_px`.
 
+    Without blur it is ``noise.gamma``.
+
     The evidence of a root is what its best blur gains over equal sharpness: another root also
     changes the contrast of the patches, which says nothing about blur.
 
@@ -87,7 +89,8 @@ def likeliest_blurs(log_likelihood: Array, noise: NoiseConfig
     """
     gain = log_likelihood.max(axis=1) - log_likelihood[:, len(_SHARES) // 2]
     best = int(gain.argmax())
-    return trial_gammas(noise)[best], equal_blurs_px(log_likelihood[best], noise)
+    blurs_px = equal_blurs_px(log_likelihood[best], noise)
+    return trial_gammas(noise)[best] if any(blurs_px) else noise.gamma, blurs_px
 
 
 def grown_blurs_px(blur_px: tuple[float, float], growth: float) -> tuple[float, float]:

@@ -197,9 +197,7 @@ class PhotometricWindow:
             return window, posterior
         before = self.sampler.blur_px, self.sampler.blur_gamma
         self._judge_sharpness(window.pairs[-1], window.states[-1])
-        now = self.sampler.blur_px, self.sampler.blur_gamma
-        alike = (0.0, 0.0)  # no blur, on which gamma has no effect
-        same = now == before or now[0] == before[0] == alike
+        same = (self.sampler.blur_px, self.sampler.blur_gamma) == before
         remade = None if same else self._remade(window)
         if remade is not None and len(remade.keyframes) == len(window.keyframes):
             sharp_window, sharp_posterior = self._refined(remade, _REACQUIRED)

@@ -60,7 +60,7 @@ def test_root_whose_blur_gains_most_counts(gamma):
     found, blurs_px = likeliest_blurs(both, NoiseConfig(gamma=2.2))
     assert found == gamma
     assert blurs_px == pytest.approx((math.sqrt(0.5) * NoiseConfig().most_blur_px, 0.0))
-    assert likeliest_blurs(0.01 * both, NoiseConfig(gamma=2.2))[1] == (0.0, 0.0)
+    assert likeliest_blurs(0.01 * both, NoiseConfig(gamma=2.2)) == (2.2, (0.0, 0.0))
 
 
 @pytest.mark.parametrize(('blur_px', 'growth', 'wanted'), [
