@@ -236,17 +236,17 @@ class ObservationSampler:
             skew_px=float(np.linalg.norm(velocity_mps @ lie.centre[1]) * abs(pair.stamp_error_s)))
 
     def blurred_patches(self, pair: StereoPair, pose: Array, velocity_mps: Array,
-                        blurs_px: Sequence[tuple[float, float]], gamma: float
+                        blurs_px: Sequence[tuple[float, float]], gammas: Sequence[float]
                         ) -> Optional[tuple[Array, float]]:
         """
-        Return the patches of both views with each of n trial blurs.
+        Return the patches of both views with each of n trial blurs, on each of k roots of light.
 
         :param pose: (3,) as for :meth:`observe`.
         :param velocity_mps: (3,) as for :meth:`observe`.
         :param blurs_px: 1-sigmas of the left and the right view, px, of each trial.
-        :param gamma: they act on the light of which grey levels are this root.
-        :return: (n, 2, G) patches and the number of pixels that they cover in a view; None where
-            the front is not in both images.
+        :param gammas: they act on the light of which grey levels are this root.
+        :return: (k, n, 2, G) patches and the number of pixels that they cover in a view; None
+            where the front is not in both images.
         """
         rig, where = self.rig.as_taken(pair.motion), self._plane_m[:self._count]
         poses = np.stack([pose, pose + pair.right_lag_s * velocity_mps])
@@ -254,7 +254,7 @@ class ObservationSampler:
         views = (*rig.left.project(on_left), *rig.right.project(rig.to_right(on_right)))
         if not (views[1].all() and views[3].all()):
             return None
-        out, pixels = np.empty((len(blurs_px), 2, self._count)), 0.0
+        out, pixels = np.empty((len(gammas), len(blurs_px), 2, self._count)), 0.0
         for side, (image, uv) in enumerate(((pair.left, views[0]), (pair.right, views[2]))):
             grid = uv.reshape(*self.grid_shape, 2)
             apart = [float(np.linalg.norm(np.diff(grid, axis=k), axis=-1).mean()) for k in (0, 1)]
@@ -262,11 +262,12 @@ class ObservationSampler:
             crop, origin = low_pass_crop(
                 image, uv.min(axis=0) - _BORDER_PX, uv.max(axis=0) + _BORDER_PX, 1.0)
             at = (uv - origin).astype(np.float32)
-            light = to_light(crop, gamma)
-            for k, blurs in enumerate(blurs_px):
-                smooth = to_grey(blurred(
-                    light, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart]), gamma)
-                out[k, side] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
+            for patches, gamma in zip(out, gammas):
+                light = to_light(crop, gamma)
+                for patch, blurs in zip(patches[:, side], blurs_px):
+                    smooth = to_grey(blurred(
+                        light, [math.hypot(_BLUR_STEPS * a, blurs[side]) for a in apart]), gamma)
+                    patch[:] = cv2.remap(smooth, at[:, :1], at[:, 1:], cv2.INTER_CUBIC)[:, 0]
         return out, pixels
 
     def _cropped(self, image: NDArray[Any], white: int, bounds: Array, low_pass: Sequence[float],

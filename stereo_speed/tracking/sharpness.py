@@ -44,15 +44,16 @@ def trial_gammas(noise: NoiseConfig) -> tuple[float, ...]:
 
 def blur_log_likelihoods(patches: Array, pixels: float, noise: NoiseConfig) -> Array:
     """
-    Return the log-likelihoods (n,) of the trial blurs from one pair; those of pairs add up.
+    Return the log-likelihoods (k, n) of the trial blurs from one pair; those of pairs add up.
 
-    :param patches: (n, 2, G) patches of both views with each of :func:`trial_blurs_px`.
+    :param patches: (k, n, 2, G) patches of both views for each of :func:`trial_gammas`, with each
+        of :func:`trial_blurs_px`.
     :param pixels: number of pixels that they cover in a view.
     :param noise: parameters; here, the greatest difference of blur.
     """
     # Pixels within the extent of the blur are not independent.
     independent = pixels / (2 * math.pi * noise.most_blur_px ** 2)
-    lack = np.maximum(1 - ncc(patches[:, 0], patches[:, 1]), _LEAST_LACK)
+    lack = np.maximum(1 - ncc(patches[..., 0, :], patches[..., 1, :]), _LEAST_LACK)
     return np.asarray(-0.5 * independent * np.log(lack))
 
 
@@ -62,7 +63,7 @@ def equal_blurs_px(log_likelihood: Array, noise: NoiseConfig) -> tuple[float, fl
 
     Both are 0 if the difference is not significant.
 
-    :param log_likelihood: (n,) of :func:`blur_log_likelihoods`, summed over pairs.
+    :param log_likelihood: (n,) a row of :func:`blur_log_likelihoods`, summed over pairs.
     :param noise: parameters; here, the greatest difference of blur, and its significance.
     """
     gain = float(log_likelihood.max() - log_likelihood[len(_SHARES) // 2])
@@ -83,8 +84,7 @@ def likeliest_blurs(log_likelihood: Array, noise: NoiseConfig
     The evidence of a root is what its best blur gains over equal sharpness: another root also
     changes the contrast of the patches, which says nothing about blur.
 
-    :param log_likelihood: (k, n) of :func:`blur_log_likelihoods`, summed over pairs, for each of
-        :func:`trial_gammas`.
+    :param log_likelihood: (k, n) of :func:`blur_log_likelihoods`, summed over pairs.
     :param noise: parameters; here, as for :func:`equal_blurs_px`.
     """
     gain = log_likelihood.max(axis=1) - log_likelihood[:, len(_SHARES) // 2]

@@ -173,15 +173,14 @@ class PhotometricWindow:
         Arguments are those of :meth:`add`.
         """
         noise = self.config.noise
-        trials = [self.sampler.blurred_patches(
-            pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise), gamma)
-                  for gamma in trial_gammas(noise)]
-        seen = [trial for trial in trials if trial is not None]
-        if not seen:
+        seen = self.sampler.blurred_patches(
+            pair, state[:3], np.array([state[3], 0.0, 0.0]), trial_blurs_px(noise),
+            trial_gammas(noise))
+        if seen is None:
             return
         if not self._blurs:
-            self.sampler.blurred_at_px = seen[0][1]
-        self._blurs.append(np.array([blur_log_likelihoods(*trial, noise) for trial in seen]))
+            self.sampler.blurred_at_px = seen[1]
+        self._blurs.append(blur_log_likelihoods(*seen, noise))
         self.sampler.blur_gamma, self.sampler.blur_px = likeliest_blurs(
             np.sum(self._blurs, axis=0), noise)
 

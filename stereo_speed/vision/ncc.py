@@ -17,9 +17,9 @@ def ncc(first: NDArray[_Float], second: NDArray[_Float]) -> NDArray[_Float]:
     """
     Return the correlation of corresponding rows, in [-1, 1]; 0 if either has no contrast.
 
-    :param first: (N, G) grey values.
-    :param second: (N, G), or (G,) to compare every row with one patch.
-    :return: (N,).
+    :param first: (..., G) grey values.
+    :param second: (..., G), or (G,) to compare every row with one patch.
+    :return: (...).
     """
     a, b = (p - p.mean(axis=-1, keepdims=True) for p in (first, second))
     length = np.sqrt(np.einsum('...g,...g', a, a) * np.einsum('...g,...g', b, b))

@@ -35,8 +35,8 @@ def seen(textured, left_px, right_px, noise=NoiseConfig()):
     left, right = (image if not px else soft(image, px, noise.gamma)
                    for image, px in ((pair.left, left_px), (pair.right, right_px)))
     pair = replace(pair, left=left, right=right)
-    patches = sampler.blurred_patches(pair, POSE, STILL, trial_blurs_px(noise), noise.gamma)
-    return equal_blurs_px(blur_log_likelihoods(*patches, noise), noise), sampler, pair
+    patches = sampler.blurred_patches(pair, POSE, STILL, trial_blurs_px(noise), [noise.gamma])
+    return equal_blurs_px(blur_log_likelihoods(*patches, noise)[0], noise), sampler, pair
 
 
 @pytest.mark.parametrize(('left_px', 'right_px'), [(0.0, 1.0), (0.0, 2.0), (1.5, 0.0)])
@@ -86,7 +86,7 @@ def test_defocused_front_looks_alike_near_and_far(textured):
             for pair in [blurred_right(textured.pair(0, 0, pose))])
         return float(np.mean(far_left * near_right))
     seen = sampler.blurred_patches(textured.pair(0, 0, POSE), POSE, still,
-                                   trial_blurs_px(NoiseConfig()), 1.0)
+                                   trial_blurs_px(NoiseConfig()), [1.0])
     assert 1 - agreement(seen[1]) < 0.5 * (1 - agreement(math.inf))
 
 
@@ -107,4 +107,4 @@ def test_blurring_can_be_disabled(textured):
 def test_front_out_of_view_has_no_patches(textured):
     _, sampler, pair = seen(textured, 0.0, 0.0)
     assert sampler.blurred_patches(pair, POSE + [500.0, 0, 0], STILL,
-                                   trial_blurs_px(NoiseConfig()), 1.0) is None
+                                   trial_blurs_px(NoiseConfig()), [1.0]) is None

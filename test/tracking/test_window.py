@@ -415,7 +415,7 @@ def first_gain(textured, pair, pose):
     """Return the log evidence that one pair gives for its likeliest blur difference over none."""
     window, noise = window_of(textured, pose), NoiseConfig()
     said = blur_log_likelihoods(*window.sampler.blurred_patches(
-        pair, pose, np.zeros(3), trial_blurs_px(noise), 1.0), noise)
+        pair, pose, np.zeros(3), trial_blurs_px(noise), [1.0]), noise)[0]
     return float(said.max() - said[len(said) // 2])
 
 
