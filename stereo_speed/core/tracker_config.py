@@ -134,8 +134,8 @@ class VisibilityConfig(CheckedRecord):
         4.0, 0.0, 60.0, 's', 'a vehicle not fully seen for longer than this is lost, even if a '
         'part of it is visible, as behind one that overtakes')
     least_width_px: float = parameter(
-        12.0, 1.0, 500.0, 'px', 'a vehicle whose front or rear is both narrower and lower than '
-        'this has left the view')
+        12.0, 1.0, 500.0, 'px', 'a receding vehicle whose front or rear is both narrower and '
+        'lower than this has left the view')
     beyond_path_m: float = parameter(
         20.0, 0.0, 500.0, 'm', 'a vehicle farther than this beyond the end of its path has left '
         'the view')

@@ -21,7 +21,7 @@ import numpy as np
 from .cloud import Cloud, transport
 from .front import Front, rotated
 from .initialise import first_states, place_front, Placement
-from .life import extent_px, TrackLife
+from .life import TrackLife
 from .likelihood import Reference, score
 from .motion_prior import PassMotions, PassPrior
 from .observation import ObservationSampler
@@ -354,11 +354,10 @@ class ConstrainedTracker:
 
     def _is_out_of_view(self, pair: StereoPair, mean: Array) -> bool:
         """Return whether a front at s, a, b, v (4,) is out of view or far beyond the path."""
-        limits = self.config.visibility
         left, right = self._quads(mean[None], pair)
-        small = self.life.stamps_ns and extent_px(left[0]) < limits.least_width_px
-        beyond = mean[0] > self.lane.path.length_m + limits.beyond_path_m
-        return bool(small or beyond) or not self.life.is_in_view(left[0], right[0])
+        beyond_m = float(mean[0]) - self.lane.path.length_m
+        return beyond_m > self.config.visibility.beyond_path_m or self.life.is_too_far(left[0]) \
+            or not self.life.is_in_view(left[0], right[0])
 
     def _report(self, pair: StereoPair, state: TrackState, moments: tuple[Array, Array]
                 ) -> TrackUpdate:

@@ -12,6 +12,9 @@ from ..core.passes import TrackEnd
 from ..core.records import Array, StereoPair, TrackState
 
 
+_RECEDED = 0.9  # share of its greatest extent below which a front has receded
+
+
 class TrackLife:
     """
     Records in which pairs a vehicle was seen, and derives its state by ``VisibilityConfig``.
@@ -50,6 +53,14 @@ class TrackLife:
     def is_in_view(self, left_px: Array, right_px: Array) -> bool:
         """Return whether a front (4, 2) is wholly in both images."""
         return self.rig.left.holds(left_px) and self.rig.right.holds(right_px)
+
+    def is_too_far(self, left_px: Array) -> bool:
+        """
+        Return whether a front (4, 2) has receded until it is too small.
+
+        One that approaches may be annotated when it is still as small.
+        """
+        return extent_px(left_px) < min(self.limits.least_width_px, _RECEDED * self.extent_px)
 
     def seen(self, pair: StereoPair, left_px: Array) -> TrackState:
         """

@@ -11,6 +11,7 @@ from stereo_speed.core.tracker_config import TrackerConfig
 from stereo_speed.detection.protocol import Detection
 from stereo_speed.lab.sim import simulate, straight_config, VehicleConfig
 from stereo_speed.pipeline.pipeline import SpeedPipeline
+from stereo_speed.road.path import StraightPath
 from stereo_speed.site.file import load_site
 from stereo_speed.site.init_file import load_init
 from stereo_speed.site.lane_paths import lane_paths
@@ -63,6 +64,19 @@ def automatic(scene, marks, pairs, config=TrackerConfig(), **more):
     sequence, lanes, _ = scene
     finder = ScriptedFinder(marks, next(iter(lanes)), pairs)
     return SpeedPipeline(sequence.rig, lanes, config, start, detector=finder, **more), finder
+
+
+def ending(scene, ahead_m):
+    """Return a scene whose lanes end a way ahead of the first vehicle, where it leaves them."""
+    sequence, lanes, marks = scene
+    ends = {}
+    for name, lane in lanes.items():
+        begin = lane.path.position(np.array(0.0))
+        s_m = float(lane.path.arc_length(sequence.rig.triangulate(
+            marks[0].left_px.mean(axis=0), marks[0].right_px.mean(axis=0))))
+        ends[name] = replace(lane, path=StraightPath(
+            begin, lane.path.tangent(np.array(0.0)), s_m + ahead_m))
+    return sequence, ends, marks
 
 
 def project(sequence, mark, k, vehicle=0):

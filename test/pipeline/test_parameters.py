@@ -264,6 +264,19 @@ def _short_path(passing: Scenario) -> Scenario:
     return replace(passing, lanes={'lane_0': replace(lane, path=path)}, pairs=passing.pairs[:5])
 
 
+def _receding(passing: Scenario) -> Scenario:
+    """Let the vehicle drive backwards, which shows as its rear would."""
+    lane, first, pairs = passing.lanes['lane_0'], quads(passing)[4], passing.pairs[:5]
+    ahead = lane.path.frame(np.array(0.0))[:, 0]
+    path = StraightPath(lane.path.position(np.array(lane.path.length_m)), -ahead,
+                        lane.path.length_m)
+    return replace(
+        passing, lanes={'lane_0': replace(lane, path=path)}, pairs=tuple(
+            replace(shown, index=at.index, stamp_ns=at.stamp_ns, right_stamp_ns=at.stamp_ns)
+            for shown, at in zip(reversed(pairs), pairs)),
+        fronts=(replace(passing.fronts[0], left_px=first[0], right_px=first[1]),))
+
+
 def moved_lane(passing: Scenario, name: str, left_m: float, *, left: float = 0.0, up: float = 0.0
                ) -> dict[str, LanePath]:
     """
@@ -408,10 +421,11 @@ MAKERS: dict[str, Callable[[Scenario], Scenario]] = {
     'start': _first(1), 'short': _first(4), 'passing': _first(5), 'longer': _first(6),
     'occluded': _occluded, 'lost': _lost, 'late': _late, 'blurred': _blurred,
     'glare': _glare, 'twice': _twice,
-    'short path': _short_path, 'crossing': _crossing,
+    'short path': _short_path, 'receding': _receding, 'crossing': _crossing,
     'detected at 20': _scripted(20.0), 'detected late': _scripted(24.6, (3,), 3),
     'detected again': _scripted(24.6, (0, 1), again=True),
-    'found again': _scripted(24.6, (0, 1, 2, 3, 4)), 'uneven': _uneven,
+    'found again': lambda passing: _scripted(24.6, (0, 1, 2, 3, 4))(_receding(passing)),
+    'uneven': _uneven,
     'swept': _swept, 'swept across': _swept_across,
     'swept behind a post': _swept_behind, 'slow': _slow, 'followed': _followed,
     'behind another': _near(10.0, 0.0), 'beside another': _near(0.0, 3.7)}
@@ -475,7 +489,7 @@ CASES: dict[str, Case] = {
         'passing', 0.0, {'visibility.unnoticed_braking_mps2': 9.0}),
     'visibility.lost_after_s': Case('lost', 0.1),
     'visibility.occluded_for_s': Case('occluded', 0.1),
-    'visibility.least_width_px': Case('passing', 50.0),
+    'visibility.least_width_px': Case('receding', 50.0),
     'visibility.beyond_path_m': Case('short path', 0.0),
     'visibility.speed_change_sigmas': Case(
         'passing', 0.0, AT_ONCE | {'verdict.most_acceleration_mps2': 0.1}),

@@ -36,7 +36,7 @@ from stereo_speed.tracking.lane_assigner import LaneAssigner
 from stereo_speed.tracking.upright import Upright
 import yaml
 
-from .scenes import automatic, project, ScriptedFinder, start, two_abreast
+from .scenes import automatic, ending, project, ScriptedFinder, start, two_abreast
 
 
 @pytest.fixture(scope='module')
@@ -274,8 +274,8 @@ def test_unconfirmed_track_is_no_vehicle(scene):
 
 def test_vehicle_that_leaves_before_confirmation_is_rejected_with_a_reason(scene):
     sequence, _, marks = scene
-    config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
-    pipeline, finder = automatic(scene, marks[:1], {0}, config)
+    config = TrackerConfig(visibility=VisibilityConfig(beyond_path_m=0.0))
+    pipeline, finder = automatic(ending(scene, 2.5), marks[:1], {0}, config)
     steps = [pipeline.process(pair) for pair in sequence.pairs[:3]]
     assert [u.state for step in steps for u in step.updates] == [TrackState.TENTATIVE]
     one, = [result for step in steps for result in step.passes]
@@ -908,10 +908,9 @@ def test_pipeline_becomes_idle_when_the_search_under_way_finds_nothing(dense, ki
 
 
 def test_vehicle_found_in_a_dense_pair_that_left_by_the_next_has_no_pass(dense):
-    """A front narrower than the limit has left."""
     sequence, _, marks = dense
-    config = TrackerConfig(visibility=VisibilityConfig(least_width_px=500.0))
-    pipeline, _ = automatic(dense, marks[:1], {0}, config)
+    config = TrackerConfig(visibility=VisibilityConfig(beyond_path_m=0.0))
+    pipeline, _ = automatic(ending(dense, 0.3), marks[:1], {0}, config)
     for k in range(2, 0, -1):
         pipeline.process(replace(sequence.pairs[0], index=99, stamp_ns=sequence.pairs[0].stamp_ns
                                  - 30_000_000 * k))

@@ -73,6 +73,18 @@ def test_vehicle_leaves_with_its_first_corner_outside_an_image(life, textured, s
     assert life.end is (TrackEnd.LEFT_VIEW if left else None)
 
 
+@pytest.mark.parametrize(('seen_m', 'now_m', 'too_far'), [
+    ((), 5.0, False), ((5.0,), 6.0, False), ((5.0, 20.0), 8.0, True), ((20.0,), 5.0, True),
+    ((20.0,), 15.0, False), ((5.0,), -2.0, True), ((5.0,), 4.0, False)])
+def test_only_a_receding_vehicle_becomes_too_far(textured, empty, at, seen_m, now_m, too_far):
+    """At s its front is 1.8 m * 1500 px / (60 m - s) wide: 44 px at -2, 49 at 5, 52 at 8."""
+    life = TrackLife(textured.start(empty, POSE, TrackerConfig(visibility=VisibilityConfig(
+        least_width_px=53.0))))
+    for k, s_m in enumerate(seen_m):
+        life.seen(at(k), textured.quads((s_m, 0.1, 1.9))[0])
+    assert life.is_too_far(textured.quads((now_m, 0.1, 1.9))[0]) == too_far
+
+
 def test_extent_of_a_tall_front_is_its_height():
     upright = np.array([[10.0, 20], [27, 21], [28, 52], [11, 51]])  # 17 or 18 px wide
     assert extent_px(upright) == pytest.approx(32.0)
