@@ -41,6 +41,7 @@ from ..pipeline.config import load_pipeline_config, PipelineConfig
 from ..pipeline.pipeline import SpeedPipeline, Step
 from ..pipeline.registry import DETECTORS, Registry, TRACKERS
 from ..pipeline.run import gather, Observer, Run, run as run_pipeline
+from ..pipeline.stream_doubt import StreamDoubt
 from ..report.overlay import draw, strip
 from ..road.lanes import LanePath
 from ..site.file import load_site, Site
@@ -172,7 +173,8 @@ class _Measured:
     :param frames: annotated frames for the strip.
     :param summary: content of ``summary.json``.
     :param pairing: how the images were paired, as reported by the bag.
-    :param steadiness: lines on the steadiness of the rig; empty where it was not checked.
+    :param rig: lines on the steadiness of the rig and the focus of its cameras; empty where there
+        is nothing to say.
     :param evidence: lines on the evidence that was written.
     :param unused_boxes: number of stamps with boxes that match no pair.
     :param parts: the parts it was measured in, to be removed once everything is written; None for
@@ -184,7 +186,7 @@ class _Measured:
     frames: list[NDArray[np.uint8]]
     summary: Mapping[str, Any]
     pairing: Mapping[str, Any]
-    steadiness: Sequence[str]
+    rig: Sequence[str]
     evidence: Sequence[str]
     unused_boxes: int
     parts: Optional[Parts]
@@ -210,7 +212,7 @@ def _run(args: argparse.Namespace, pictures: RunPictures, beside: bool) -> int:
             rest_by=bag.pairs)
         done = _measured(args, config, bag, place, inputs, helpers, rows, pictures)
     write_all(args, place, done.result, rows, done.frames, done.summary, pictures, run_warnings(
-        place, done.pairing, done.steadiness, done.result.stamps_ns[-1]))
+        place, done.pairing, done.rig, done.result.stamps_ns[-1]))
     if done.parts is not None:
         done.parts.remove()
     _tell(args, done)
@@ -246,15 +248,24 @@ def _measured(args: argparse.Namespace, config: PipelineConfig, bag: StereoBag,
             observe=observe, rows=rows, parts=parts, later=helpers.later,
             read_ahead=helpers.ahead)
         evidence.finish(result.passes)
-    steady = None if pipeline.doubt.steadier is None else pipeline.doubt.steadier.state()
+    of_rig, rig_lines = _rig(pipeline.doubt)
     summary = {
         **summarize(args, config.with_tolerances(place.site.tolerances), bag, result, place.lanes,
                     inputs.sha256),
-        **evidence.summary(), **refinement,
-        **({} if steady is None else {'steadiness': steadiness_summary(steady)})}
-    return _Measured(place, result, frames, summary, dict(bag.pairing),
-                     [] if steady is None else steadiness_lines(steady), evidence.lines(),
-                     len(feed.boxes), parts)
+        **evidence.summary(), **refinement, **of_rig}
+    return _Measured(place, result, frames, summary, dict(bag.pairing), rig_lines,
+                     evidence.lines(), len(feed.boxes), parts)
+
+
+def _rig(doubt: StreamDoubt) -> tuple[dict[str, Any], list[str]]:
+    """Return what was found of the rig, for ``summary.json``, and as lines for the user."""
+    focus = doubt.focus.state
+    summary, lines = {'focus': focus.summary()}, [focus.warning()] if focus.warning() else []
+    if doubt.steadier is not None:
+        steady = doubt.steadier.state()
+        summary['steadiness'] = steadiness_summary(steady)
+        lines = [*steadiness_lines(steady), *lines]
+    return summary, lines
 
 
 def _refinement(place: MeasuringSite) -> dict[str, Any]:
@@ -274,7 +285,7 @@ def _tell(args: argparse.Namespace, done: _Measured) -> None:
     """Print the passes, and what else a user should know of the run."""
     print_lanes(done.place.lanes)
     print_table(done.result.passes)
-    print(''.join(f'{line}\n' for line in (*done.evidence, *done.steadiness)), end='')
+    print(''.join(f'{line}\n' for line in (*done.evidence, *done.rig)), end='')
     pairing, result = done.pairing, done.result
     print(f'{pairing["pairs"]} pairs ({pairing["method"]} stamps; unpaired: '
           f'{pairing["unpaired_left"]} left, {pairing["unpaired_right"]} right), '

@@ -103,13 +103,13 @@ class RunPictures(AbstractContextManager['RunPictures']):
             self._video.keep()
 
 
-def run_warnings(place: MeasuringSite, pairing: Mapping[str, Any], moved: Sequence[str],
+def run_warnings(place: MeasuringSite, pairing: Mapping[str, Any], rig: Sequence[str],
                  last_ns: int) -> list[str]:
     """
     Return the warnings for a report.
 
     :param pairing: as reported by the bag.
-    :param moved: lines on the steadiness of the rig; empty where it was not checked.
+    :param rig: lines on the steadiness of the rig and the focus of its cameras.
     :param last_ns: stamp of the last pair.
     """
     age = calibration_age(place.site.calibrated, last_ns, _MONTHS)
@@ -119,4 +119,4 @@ def run_warnings(place: MeasuringSite, pairing: Mapping[str, Any], moved: Sequen
     if pairing['unpaired_left'] or pairing['unpaired_right']:
         out.append(f'{pairing["unpaired_left"]} left and {pairing["unpaired_right"]} right '
                    'images have no partner.')
-    return [*out, *moved]
+    return [*out, *rig]

@@ -81,6 +81,8 @@ class StereoPair:
     :param motion: rotation of the rig; None if it stood as when the site was learnt.
     :param right_came_ns: original header stamp of the right image, if ``right_stamp_ns`` was
         replaced; None otherwise.
+    :param blur_px2: squared blur (1-sigma) of the right view less that of the left one, px^2; 0
+        if not known.
     """
 
     index: int
@@ -91,6 +93,7 @@ class StereoPair:
     stamp_error_s: float = 0.0
     motion: Optional[RigMotion] = None
     right_came_ns: Optional[int] = None
+    blur_px2: float = 0.0
 
     @property
     def right_lag_s(self) -> float:

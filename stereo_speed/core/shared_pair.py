@@ -22,6 +22,7 @@ class SharedPair:
     :param stamp_ns: stamp of the left image, ns.
     :param right_stamp_ns: stamp of the right image, ns.
     :param motion: rotation of the rig.
+    :param blur_px2: difference of the blur of its views, px^2.
     :param shape: shape of each image.
     :param dtype: type of both images, as a string.
     :param begin: offset of the left image in the memory, bytes.
@@ -31,6 +32,7 @@ class SharedPair:
     stamp_ns: int
     right_stamp_ns: int
     motion: Optional[RigMotion]
+    blur_px2: float
     shape: tuple[int, ...]
     dtype: str
     begin: int
@@ -42,8 +44,8 @@ class SharedPair:
 
         :param begin: offset that its left image is to have in the memory, bytes.
         """
-        return cls(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion, pair.left.shape,
-                   pair.left.dtype.str, begin)
+        return cls(pair.index, pair.stamp_ns, pair.right_stamp_ns, pair.motion, pair.blur_px2,
+                   pair.left.shape, pair.left.dtype.str, begin)
 
     @property
     def end(self) -> int:
@@ -63,4 +65,4 @@ class SharedPair:
         """Return the pair; its images are views of the memory and valid until that is reused."""
         left, right = self._images(memory)
         return StereoPair(self.index, self.stamp_ns, self.right_stamp_ns, left, right,
-                          motion=self.motion)
+                          motion=self.motion, blur_px2=self.blur_px2)

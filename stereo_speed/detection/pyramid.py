@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..core.records import Array, StereoPair
 from ..geometry.rig import StereoRig
 from ..geometry.steadied import moved_px
+from ..vision.relative_blur import equally_sharp
 
 Patches = NDArray[np.float32]
 
@@ -29,6 +30,10 @@ class Region(NamedTuple):
     top: int
     right: int
     bottom: int
+
+    def cut(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return this region of an image."""
+        return image[self.top:self.bottom, self.left:self.right]
 
 
 class PairRegions(NamedTuple):
@@ -56,8 +61,8 @@ class Pyramid:
     @classmethod
     def of(cls, image: NDArray[Any], region: Region, motion: Optional[Patches] = None
            ) -> Pyramid:
-        """Build the pyramid of a region of an image."""
-        levels = [image[region.top:region.bottom, region.left:region.right].astype(np.float32)]
+        """Build the pyramid of the image (H, W) of a region."""
+        levels = [image.astype(np.float32)]
         for _ in range(LEVELS - 1):
             levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
         return cls(tuple(levels), (region.left, region.top), motion)
@@ -116,15 +121,17 @@ class PairPyramids:
     @classmethod
     def of(cls, pair: StereoPair, regions: PairRegions, rig: StereoRig) -> PairPyramids:
         """
-        Build the pyramids of a region of each image.
+        Build the pyramids of a region of each image, with both views equally sharp.
 
         :param pair: the pair.
         :param regions: the regions.
         :param rig: the cameras.
         """
-        left, right = (_motion(pair, rig, region, side) for side, region in enumerate(regions))
-        return cls(pair, Pyramid.of(pair.left, regions.left, left),
-                   Pyramid.of(pair.right, regions.right, right))
+        images = equally_sharp(
+            regions.left.cut(pair.left), regions.right.cut(pair.right), pair.blur_px2)
+        return cls(pair, *(
+            Pyramid.of(image, region, _motion(pair, rig, region, side))
+            for side, (image, region) in enumerate(zip(images, regions))))
 
     def age_s(self, stamp_ns: int) -> float:
         """Return the time from this pair to a stamp, s."""

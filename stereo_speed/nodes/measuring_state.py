@@ -13,8 +13,8 @@ import numpy as np
 from .health import ERROR, State, Tally, WARN
 from ..core.stamp_watch import StampWatch
 from ..pipeline.pipeline import SpeedPipeline
+from ..pipeline.stream_doubt import StreamDoubt
 from ..steadying.report import steadiness_summary, warning
-from ..steadying.steadier import Steadier
 
 _LATENCIES = 300  # number of newest pairs whose latencies are kept
 STAMPS_UNKNOWN = 'stamps not checked yet, as no pair is measured'
@@ -127,8 +127,14 @@ def tell_stamps(pipeline: SpeedPipeline, state: State) -> None:
         state.find(WARN, f'{say}, as the exposures are')
 
 
-def tell_steadiness(steadier: Steadier, state: State) -> None:
-    """Add sway and drift of the rig to a state."""
+def tell_rig(doubt: StreamDoubt, state: State) -> None:
+    """Add sway and drift of the rig, and the focus of its cameras, to a state."""
+    focus, steadier = doubt.focus.state, doubt.steadier
+    state.values.update((f'focus_{key}', value) for key, value in focus.summary().items())
+    if out_of_focus := focus.warning():
+        state.find(WARN, out_of_focus)
+    if steadier is None:
+        return
     state.values.update((f'rig_{key}', value)
                         for key, value in steadiness_summary(steadier.state()).items())
     if wrong := warning(steadier):

@@ -24,7 +24,7 @@ from .admission import Admission
 from .health import Arrivals, ERROR, State, WARN
 from .measuring_context import Configuration, MeasuringContext
 from .measuring_settings import MOST_REFINE_PAIRS
-from .measuring_state import ClockSteps, STAMPS_UNKNOWN, tell_stamps, tell_steadiness
+from .measuring_state import ClockSteps, STAMPS_UNKNOWN, tell_rig, tell_stamps
 from .pair_queue import PairQueue
 from ..core.errors import InputError, StereoSpeedError
 from ..core.passes import PassResult, Reason
@@ -424,8 +424,8 @@ class MeasuringThread:
         for fault in self._workers.faults:
             state.find(WARN, fault)
         self._refusals.tell(state)
-        if pipeline is not None and pipeline.doubt.steadier is not None:
-            tell_steadiness(pipeline.doubt.steadier, state)
+        if pipeline is not None:
+            tell_rig(pipeline.doubt, state)
         return state
 
     def stamps(self) -> State:

@@ -164,7 +164,7 @@ class SpeedPipeline:
         beside = self._open.is_possible and dense and not self.doubt.lag.concerned
         if not beside:
             self._take_open()
-        pair = self.doubt.steadied(pair)
+        pair = self.doubt.known(pair)
         self._start_annotated(pair)
         updates = self._updates(pair, _Pace(hurried, dense, beside), readings)
         updates = self._with_lag(pair, updates)
@@ -388,7 +388,7 @@ class SpeedPipeline:
         """Update stamps and the state of the rig from a pair that is already measured."""
         self.doubt.stamps.add(pair.stamp_ns)
         self._state.last_ns = pair.stamp_ns
-        self.doubt.steadied(pair.triggered(self.config.trigger_tolerance_s))
+        self.doubt.known(pair.triggered(self.config.trigger_tolerance_s))
 
     def pass_over(self, stamp_ns: int) -> None:
         """

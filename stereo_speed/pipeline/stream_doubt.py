@@ -1,7 +1,7 @@
 # Copyright 2026 The stereo_speed developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What is uncertain of a stream: its stamps, the time between its views, and how its rig stands.
+What is uncertain of a stream: its stamps, the time between its views, rig and focus.
 
 The tracks are told what changes of it.  What they cannot be told widens their readings, and their
 passes when these are over.
@@ -22,6 +22,7 @@ from ..geometry.rig import StereoRig
 from ..road.lanes import LanePath
 from ..steadying.doubt import SpeedDoubt
 from ..steadying.steadier import Steadier
+from ..steadying.view_focus import ViewFocus
 from ..steadying.view_lag import ViewLag
 
 # Ratio to the stamp 1-sigma a track assumes at which it is told a larger one; twenty intervals
@@ -33,8 +34,8 @@ class StreamDoubt:
     """
     See the module's docstring.
 
-    ``stamps`` watches the stamps, ``lag`` estimates the time between the views, and ``steadier``
-    how the rig has rotated.
+    ``stamps`` watches the stamps, ``lag`` estimates the time between the views, ``steadier`` how
+    the rig has rotated, and ``focus`` which view is more blurred.
 
     :param rig: the cameras.
     :param lanes: lane name to lane path.
@@ -46,22 +47,23 @@ class StreamDoubt:
     def __init__(self, rig: StereoRig, lanes: Mapping[str, LanePath], config: TrackerConfig,
                  roster: Roster, steadier: Optional[Steadier]) -> None:
         self.lanes, self.config, self.steadier = lanes, config, steadier
-        self.stamps, self.lag = StampWatch(), ViewLag(rig)
+        self.stamps, self.lag, self.focus = StampWatch(), ViewLag(rig), ViewFocus()
         self._roster, self._rig_doubt = roster, SpeedDoubt(rig, lanes, config)
 
     def go_on_from(self, other: StreamDoubt) -> None:
         """Take over what another pipeline knows of the stream."""
-        self.steadier, self.stamps = other.steadier, other.stamps
+        self.steadier, self.stamps, self.focus = other.steadier, other.stamps, other.focus
 
     def restart(self) -> None:
         """Discard what does not outlast a jump back in time."""
         self.stamps.restart()
+        self.focus.restart()
         if self.steadier is not None:
             self.steadier.reset()
 
-    def steadied(self, pair: StereoPair) -> StereoPair:
-        """Return a pair with the motion of its rig."""
-        return pair if self.steadier is None else self.steadier.steady(pair)
+    def known(self, pair: StereoPair) -> StereoPair:
+        """Return a pair with what is known of the motion of its rig, and of its focus."""
+        return self.focus.seen(pair if self.steadier is None else self.steadier.steady(pair))
 
     def rest_std_rad(self, lane: LanePath) -> Optional[tuple[float, float]]:
         """

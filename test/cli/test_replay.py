@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
 
+import cv2
 import pytest
 from stereo_speed.cli.main import main
 from stereo_speed.core.compiled import VARIABLE
@@ -73,6 +75,7 @@ def test_summary(out):
     assert summary['pairing']['pairs'] == 12
     assert len(summary['input']['bag_sha256']) == 64
     assert {'versions', 'timings', 'tracker', 'passes'} <= set(summary)
+    assert abs(summary['focus']['right_blur_px']) < 0.5
 
 
 def test_same_run_gives_the_same_bytes(run, out):
@@ -110,6 +113,21 @@ def test_unannotated_vehicle_is_detected(tmp_path, sample):
     # Confirmed within its first 4 pairs of 60 px: it comes from 44 px, 12 pairs.
     assert sum(row['state'] == 'confirmed' for row in tracks) >= 7
     assert json.loads((tmp_path / 'summary.json').read_text())['input']['init_sha256'] is None
+
+
+def test_camera_out_of_focus_is_reported(tmp_path, sample, rewrite, capsys):
+    def change(topic, number, msg):
+        if topic != '/stereo/right/image_raw/compressed':
+            return msg
+        image = cv2.imdecode(msg.data, cv2.IMREAD_UNCHANGED)
+        jpeg = cv2.imencode('.jpg', cv2.GaussianBlur(image, (0, 0), 2.0))[1]
+        return replace(msg, data=jpeg.ravel())
+    bag = rewrite(tmp_path / 'bag', change)
+    assert main(['replay', str(bag), '--site', str(sample / 'site.yaml'), '--no-plots',
+                 '--init', str(sample / 'init.yaml'), '--out', str(tmp_path / 'out')]) == 0
+    focus = json.loads((tmp_path / 'out' / 'summary.json').read_text())['focus']
+    assert focus['looks'] == 1 and focus['right_blur_px'] == pytest.approx(2.0, abs=0.15)
+    assert 'the right camera is out of focus' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('tracker', ['kalman', 'triangulation'])

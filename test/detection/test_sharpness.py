@@ -38,6 +38,18 @@ def test_front_is_found_with_one_view_out_of_focus(side, blur_px):
     assert one.s_m == pytest.approx(20.0 + STEP_M, abs=1.0)
 
 
+@pytest.mark.parametrize('side, more_px2', [('left', -9.0), ('right', 9.0)])
+def test_known_difference_of_focus_no_longer_hides_a_front(side, more_px2):
+    def found(told):
+        rng = np.random.default_rng(5)
+        return found_in(
+            [[Front(20.0 + k * STEP_M)] for k in range(2)],
+            lambda pair: replace(out_of_focus(pair, side, 3.0, rng), blur_px2=told))[1]
+    assert not found(0.0)
+    (one,) = found(more_px2)
+    assert one.s_m == pytest.approx(20.0 + STEP_M, abs=0.3)
+
+
 @pytest.mark.parametrize('side', ['left', 'right'])
 def test_flat_marking_is_no_front_out_of_focus_either(side):
     rng = np.random.default_rng(6)

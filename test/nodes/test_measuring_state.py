@@ -3,6 +3,7 @@
 """Counts of pairs and stamps raise diagnostic levels, and lower them again."""
 from __future__ import annotations
 
+from math import copysign
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,9 @@ pytest.importorskip('rclpy')
 
 from stereo_speed.core.stamp_watch import StampWatch  # noqa: E402, I100
 from stereo_speed.nodes.health import ERROR, OK, State, WARN  # noqa: E402
-from stereo_speed.nodes.measuring_state import ClockSteps, Counts, tell_stamps  # noqa: E402
+from stereo_speed.nodes.measuring_state import (  # noqa: E402
+    ClockSteps, Counts, tell_rig, tell_stamps)
+from stereo_speed.steadying.view_focus import Focus, ViewFocus  # noqa: E402
 
 
 def stepped(times):
@@ -75,3 +78,15 @@ def test_image_evidence_on_the_lag_between_views_is_reported(lag, level, says):
     tell_stamps(SimpleNamespace(
         uneven_stamps_s=None, doubt=SimpleNamespace(lag=estimated)), state)
     assert state.level == level and '5.0 ms apart' in state.message and says in state.message
+
+
+@pytest.mark.parametrize('blur_px2, level, says', [
+    (4.0, WARN, 'the right camera is out of focus'), (-4.0, WARN, 'the left camera'),
+    (0.3, OK, '')])
+def test_focus_of_the_cameras_is_reported_on_a_rigid_mount_too(blur_px2, level, says):
+    state, focus = State('fine'), ViewFocus()
+    focus.state = Focus(looks=2, blur_px2=blur_px2)
+    tell_rig(SimpleNamespace(focus=focus, steadier=None), state)
+    assert state.level == level and says in state.message
+    assert state.values['focus_right_blur_px'] == pytest.approx(
+        copysign(abs(blur_px2) ** 0.5, blur_px2), abs=0.01)

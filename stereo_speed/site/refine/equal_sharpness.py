@@ -13,11 +13,11 @@ from dataclasses import replace
 import math
 from typing import Iterable
 
-import cv2
 import numpy as np
 
 from .empty_road import Background, LEAST_NOISE_GREY
 from .markings import LocatedLine
+from ...vision.relative_blur import blurred
 
 Views = tuple[Background, Background]
 _LEAST_BLUR_PX = 0.3  # a narrower Gaussian is not resolved by the pixels
@@ -43,8 +43,7 @@ def equally_sharp(views: Views, lines: Iterable[tuple[LocatedLine, LocatedLine]]
 
 def _blurred(view: Background, blur_px: float) -> Background:
     """Return a view blurred by a Gaussian of this 1-sigma, with its noise reduced accordingly."""
-    image = cv2.GaussianBlur(view.image, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE)
     # A Gaussian filter leaves this share of white noise.
     noise = min(1.0, 1 / (2 * math.sqrt(math.pi) * blur_px)) * view.noise_grey
-    return replace(view, image=np.asarray(image, np.float32),
+    return replace(view, image=blurred(view.image, blur_px ** 2),
                    noise_grey=max(noise, LEAST_NOISE_GREY))
