@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, Optional
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+import scipy.fft
 
 from ..core.records import Array
 
@@ -101,7 +102,8 @@ def _spectrum(view: NDArray[Any]) -> Array:
     tiles = np.stack([view[top:top + _TILE_PX, left:left + _TILE_PX]
                       for top, left in _places(view.shape)]).astype(np.float32)
     tiles = (tiles - tiles.mean(axis=(1, 2), keepdims=True)) * _WINDOW
-    power = np.mean(np.abs(np.fft.rfft2(tiles)) ** 2, axis=0)
+    waves = scipy.fft.rfft2(tiles)  # in single precision, as that of old numpy versions is not
+    power = np.mean(waves.real ** 2 + waves.imag ** 2, axis=0)
     return np.asarray(np.bincount(_BIN, power.ravel()[_INSIDE]) / _COUNTS)
 
 

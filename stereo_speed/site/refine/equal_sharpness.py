@@ -6,6 +6,9 @@ Equalisation of the sharpness of both views, so that blur displaces a line alike
 A camera out of focus smears the surroundings of a marking, such as the verge, into its
 cross-sections, which displaces its middle by up to a tenth of a pixel. The same displacement in
 both views hardly matters; in only one view it looks like a rotation of the right camera.
+
+The lines themselves tell the difference of blur: a lens blurs light, which spreads bright lines in
+grey levels by more than the scene as a whole (``vision/relative_blur.py``).
 """
 from __future__ import annotations
 
