@@ -98,6 +98,17 @@ def test_partly_tracked_front_has_its_whole_width(kind, delay_s):
     assert found.width_m == pytest.approx(width_m, abs=0.1)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('off_m', [-0.7, 0.7])
+def test_partly_tracked_front_may_be_off_along_the_lane(off_m):
+    """With a camera out of focus, the track of one side of a front was 0.65 m off."""
+    rig, lane, rows = drawn('car')
+    half = [(pair, in_part(update, rig, 0.45, 1.0)) for pair, update in rows]
+    rows = [(pair, replace(update, s_m=update.s_m + off_m)) for pair, update in half]
+    found = measured(rig, lane, rows, fronts=FrontWidth(rig, lane))
+    assert found.width_m == pytest.approx(BODIES['car'].width_m, abs=0.1)
+
+
 class Seen:
     """Returns widths measured in some pairs, by their stamps."""
 
