@@ -27,8 +27,8 @@ from ..road.lanes import LanePath
 _BESIDE_M = 3.1  # reach across, as a track may hold one edge of a lorry
 _COLUMNS = 32  # points across that bound the region, as points far outside the image are ignored
 _AHEAD_M = 1.0  # reach along the lane of the refinement of a front
-# Greatest distance along the lane of a front of the same vehicle.  A track that holds one side of a
-# front may be half a metre off, and no two vehicles in one lane are this close.
+# Greatest distance along the lane of a front of the same vehicle.  A track that holds one side of
+# a front may be half a metre off, and no two vehicles in one lane are this close.
 _SAME_S_M = 1.0
 
 
